@@ -1,0 +1,63 @@
+# bow from a fresh clone: `make sweep` and `make test` do everything. What the set-up does is in tools/setup_env.py.
+
+PYTHON ?= python3
+ARGS ?=
+VENV := .venv/bin
+
+# A sourced ROS installation or another environment of ROS wheels would send .venv's Python to other libraries, or to a
+# middleware that is not in the wheels.
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+unexport LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION RMW_IMPLEMENTATION VIRTUAL_ENV
+
+.DEFAULT_GOAL := help
+.PHONY: help setup setup-tests sweep lint types test test-fast test-full bench format clean python
+
+help:
+	@echo 'make sweep       set up, then run the recorded basin map fig11d (more: make sweep ARGS="--view")'
+	@echo 'make test        set up, then lint, types and all tests'
+	@echo 'make setup       only the environment, .venv (make setup PYTHON=python3.12 for another Python)'
+	@echo 'make test-fast   set up, then lint, types and the fast tests'
+	@echo 'make bench       kernel and graph against peers'
+	@echo 'make format      put the sources into the house format'
+	@echo 'make clean       remove .venv, builds and caches; runs/ stays'
+
+python:
+	@command -v $(PYTHON) >/dev/null || { echo "setup: no $(PYTHON) here; on Debian:" \
+	  "sudo apt-get install python3 python3-venv python3-dev g++" >&2; exit 1; }
+
+# A Python named by the user, PYTHON=..., is the one .venv shall have; otherwise an existing .venv keeps its own.
+this_python := $(if $(filter file,$(origin PYTHON)),,--this-python)
+
+setup: python
+	@$(PYTHON) tools/setup_env.py $(this_python)
+
+setup-tests: python
+	@$(PYTHON) tools/setup_env.py --tests $(this_python)
+
+sweep: setup
+	@$(VENV)/bow sweep fig11d $(ARGS)
+
+lint: setup-tests
+	$(VENV)/ruff check .
+	$(VENV)/ruff format --check .
+
+types: setup-tests
+	$(VENV)/mypy
+
+test-fast: lint types
+	$(VENV)/python -m pytest -m "not full" $(ARGS)
+
+# The fast tier first, so that what is simply broken shows in a minute.
+test: test-fast
+	$(VENV)/python -m pytest -m full $(ARGS)
+
+bench: setup-tests
+	$(VENV)/python -m bench $(ARGS)
+
+format: setup-tests
+	$(VENV)/ruff check --fix-only .
+	$(VENV)/ruff format .
+
+clean:
+	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""Waveforms in, verdicts out: the automatic recognition of section III.B of Schumacher & Woodhouse (1995)."""

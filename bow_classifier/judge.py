@@ -1,0 +1,149 @@
+"""The three tests over the chunks of one block, in order: waveforms in, judgements out, the state between carried.
+
+A chunk is five nominal periods and is the window of the tests: where the actual period is longer, as flattening or
+anomalous low frequencies make it, four slips may end in a window of a perfectly regular motion, and it does not pass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bow_sim.model import Parameters
+
+from .corners import corners
+from .periodicity import periodicity
+from .regime import HELMHOLTZ, Thresholds, decide
+from .slips import Intervals, Unfinished, slips
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the tests must know of the string.
+
+    Attributes
+    ----------
+    period
+        Nominal period N, samples.
+    bow_bridge
+        Round trip bow-bridge-bow, samples: one period of the Schelleng ripples. ``beta = bow_bridge / period``.
+    samples
+        Of a chunk: whole periods.
+    """
+
+    period: int
+    bow_bridge: int
+    samples: int
+
+    @classmethod
+    def of(cls, parameters: Parameters) -> Geometry:
+        """Return the geometry of a string that bow_sim simulates."""
+        return cls(parameters.period, parameters.bow_bridge, parameters.chunk_samples)
+
+
+class Judgement(NamedTuple):
+    """The verdicts on the cells of a block after one chunk; the fields of the message Verdicts.
+
+    Attributes
+    ----------
+    correlation
+        (cells,) float32, -1 ... 1: autocorrelation at its best lag; NaN = no interior maximum.
+    period
+        (cells,) float32, samples; NaN = no interior maximum.
+    slips
+        (cells,) uint16: significant slips that end in the window.
+    corners
+        (cells,) uint16: travelling Raman corners in the window.
+    regime
+        (cells,) uint8: index into `bow_classifier.regime.REGIMES`.
+    confidence
+        (cells,) float32, 0 ... 1: see `bow_classifier.regime.decide`.
+    """
+
+    correlation: NDArray[np.float32]
+    period: NDArray[np.float32]
+    slips: NDArray[np.uint16]
+    corners: NDArray[np.uint16]
+    regime: NDArray[np.uint8]
+    confidence: NDArray[np.float32]
+
+    @property
+    def passed(self) -> NDArray[np.bool_]:
+        """(cells,) whether the motion is Helmholtz motion: all three tests pass."""
+        return self.regime == HELMHOLTZ
+
+
+class BlockJudge:
+    """Judges the cells of one block chunk by chunk, from t = 0 on.
+
+    A cell's verdicts depend on that cell alone, bit for bit, whatever else is in the block.
+
+    Parameters
+    ----------
+    geometry
+        Of the string.
+    thresholds
+        Of the tests.
+    cells
+        Number of cells.
+    bow_speed
+        Final bow speed v_b, one or (cells,).
+    """
+
+    def __init__(self, geometry: Geometry, thresholds: Thresholds, cells: int, bow_speed: ArrayLike = 1.0) -> None:
+        self._geometry, self._thresholds = geometry, thresholds
+        v_b = np.broadcast_to(np.asarray(bow_speed, dtype=np.float64), (cells,))
+        self._height = v_b * geometry.period / geometry.bow_bridge  # v_b/beta: the flyback of Helmholtz motion
+        self._corner = thresholds.corner * self._height
+        self._slip = thresholds.slip * v_b * geometry.period
+        self._lags = thresholds.lags(geometry.period)
+        self._start = max(self._lags[1], geometry.bow_bridge) + 1
+        self._record = np.zeros((cells, self._start + geometry.samples), np.float32)
+        self._unfinished = Unfinished.none(cells)
+
+    def judge(self, bridge_force: NDArray[np.float32], intervals: Intervals) -> Judgement:
+        """Return the verdicts after the next chunk.
+
+        Parameters
+        ----------
+        bridge_force
+            (cells, samples) the wave out_B, units of PHYSICS.md section 2.
+        intervals
+            The slips of the same chunk.
+
+        Raises
+        ------
+        ValueError
+            For arrays of another shape, or slips that do not continue the chunk before; the state is as it was.
+        """
+        window = (len(self._record), self._geometry.samples)
+        if bridge_force.shape != window:
+            raise ValueError(f"bridge force {bridge_force.shape}: should be (cells, samples) = {window}")
+        slipped, self._unfinished = slips(intervals, window[1], self._slip, self._unfinished)
+        record, start = self._record, self._start
+        record[:, :start] = record[:, -start:]
+        record[:, start:] = bridge_force
+        periodic = periodicity(record, start, self._geometry.period, self._lags)
+        turned = corners(record, start, self._geometry.bow_bridge, self._corner)
+        regime, confidence = decide(
+            periodic.correlation,
+            periodic.period,
+            slipped.number,
+            turned.number,
+            periodic.deviation / self._height,
+            slipped.sure * turned.sure,
+            window[1],
+            self._thresholds,
+        )
+        return Judgement(periodic.correlation, periodic.period, slipped.number, turned.number, regime, confidence)
+
+
+def warm() -> None:
+    """Compile the tests, or load them from the cache (some 5 s, or 0.3 s), so that the first chunk need not wait."""
+    geometry = Geometry(period=139, bow_bridge=15, samples=695)
+    none = np.zeros(0, np.uint32)
+    intervals = Intervals(np.zeros(1, np.uint8), np.zeros(2, np.uint32), none, none, np.zeros(0))
+    BlockJudge(geometry, Thresholds(), 1).judge(np.zeros((1, 695), np.float32), intervals)

@@ -1,0 +1,116 @@
+"""The classifier node: judges every chunk of the streams, publishes the verdicts.
+
+All that it knows is in :class:`bow_classifier.stream.Classifier`; here are topics, health and what to do when a
+subscriber hangs.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import deque
+from collections.abc import Iterable
+from functools import partial
+
+from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
+
+from bow_sim.ros import LATCHED, STREAM, BowNode, RCLError, live
+
+from .judge import warm
+from .stream import Classifier
+
+HELP = """
+usage: ros2 run bow classifier [--ros-args -r __ns:=/bow/RUN]
+
+Judges every cell of a sweep after every five periods: is the bridge force periodic, are there five significant slips,
+five travelling corners? All three together are Helmholtz motion (Schumacher & Woodhouse 1995, section III.B).
+
+One classifier serves one namespace (default /bow). It needs no parameters: the sweep and the thresholds of the tests
+come with the plan, which the coordinator latches. Set them where the sweep is described, for example
+    bow sweep fig11d --set classifier.correlation=0.93
+and judge a recorded sweep again with others by `bow replay`.
+
+listens to   plan, bridge_force, stick_slip      every sample, nothing left out
+publishes    verdicts                            per chunk and cell: correlation, period, slips, corners, regime
+             health                              once a second: READY when a sweep is open
+
+It keeps the state of the blocks under way. If it is started again, the coordinator sees a new incarnation in its health
+and has the unfinished blocks sent again. Ctrl-C stops it.
+"""
+
+RETRY_S = 0.25
+"""Between two tries to publish while a subscriber hangs: publish() itself waits 0.1 s, and the node must breathe."""
+
+SAY_AGAIN_S = 5.0
+"""Between two lines in the log on the same trouble."""
+
+
+class ClassifierNode(BowNode):
+    """The one classifier of a run."""
+
+    def __init__(self) -> None:
+        super().__init__("classifier")
+        warm()
+        self._classifier = Classifier(self.incarnation)
+        self._outbox: deque[bytes] = deque()
+        self._hanging = False
+        self._verdicts = self.create_publisher(Verdicts, "verdicts", STREAM)
+        self.create_subscription(Plan, "plan", self._on_plan, LATCHED, raw=True)
+        for kind, topic in ((BridgeForce, "bridge_force"), (StickSlip, "stick_slip")):
+            self.create_subscription(kind, topic, partial(self._on_stream, kind.__name__), STREAM, raw=True)
+        self.create_timer(RETRY_S, self._publish)
+        self.become(Health.STARTING, "waiting for a plan")
+
+    def _on_plan(self, data: bytes) -> None:
+        classifier = self._classifier
+        classifier.plan(data)
+        if classifier.problem:
+            self.get_logger().error(f"cannot judge this sweep: {classifier.problem}")
+            self.become(Health.FAILED, classifier.problem)
+        elif classifier.task is None:
+            self.become(Health.STARTING, "waiting for a plan", run="")
+        else:
+            self.become(Health.READY, run=classifier.task.run_id)
+        self._note()
+
+    def _on_stream(self, name: str, data: bytes) -> None:
+        self._send(self._classifier.take(name, data))
+        self._note()
+
+    def _note(self) -> None:
+        counts, health = self._classifier.counts, self.health
+        health.messages, health.bytes = counts.messages, counts.bytes
+        health.duplicates, health.ignored = counts.duplicates, counts.ignored
+        while self._classifier.complaints:
+            self.get_logger().warning(self._classifier.complaints.popleft(), throttle_duration_sec=SAY_AGAIN_S)
+
+    def _send(self, messages: Iterable[bytes]) -> None:
+        self._outbox.extend(messages)
+        if not self._hanging:
+            self._publish()
+
+    def _publish(self) -> None:
+        """Publish what is due, in order; keep what cannot go out now. Credit bounds how much that can be."""
+        while self._outbox:
+            try:
+                self._verdicts.publish(self._outbox[0])
+            except RCLError as error:
+                self._hanging = True
+                listeners = self.get_subscriptions_info_by_topic(self._verdicts.topic_name)
+                names = ", ".join(sorted({listener.node_name for listener in listeners}))
+                self.get_logger().warning(
+                    f"{self._verdicts.topic_name}: {len(self._outbox)} messages wait, one of the subscribers hangs "
+                    f"({names}): {error}",
+                    throttle_duration_sec=SAY_AGAIN_S,
+                )
+                return
+            self._outbox.popleft()
+        self._hanging = False
+
+
+def main() -> int:
+    """Entry point of ``ros2 run bow classifier``."""
+    return live(ClassifierNode, description=HELP)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,190 @@
+"""The first test: is the bridge force periodic, and with which period (section III.B, PHYSICS.md section 7).
+
+For each integer lag around the nominal period, the Pearson correlation of each of the last five periods with the same
+window one lag earlier, averaged over the five; then the quadratic through three neighbouring lags at each interior
+local maximum. The largest counts; its place is the period.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bow_sim.simd import LANES, load, spread, store
+
+_CONSTANT = 1e-13
+"""A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""
+
+
+class Periodicity(NamedTuple):
+    """What the first test says of the cells of a block.
+
+    Attributes
+    ----------
+    correlation
+        (cells,) float32, -1 ... 1: the largest interior maximum; NaN where there is none.
+    period
+        (cells,) float32, samples: its place; NaN where there is none.
+    deviation
+        (cells,) float64, units of the bridge force: r.m.s. deviation from the mean over the whole window.
+    """
+
+    correlation: NDArray[np.float32]
+    period: NDArray[np.float32]
+    deviation: NDArray[np.float64]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _moments(x, begin, n):
+    """Return the sums of x and of x squared over n samples."""
+    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0  # four sums at once: one alone would wait for each addition
+    q0, q1, q2, q3 = 0.0, 0.0, 0.0, 0.0
+    y = x[begin : begin + n]
+    for t in range(0, n - 3, 4):
+        s0, s1, s2, s3 = s0 + y[t], s1 + y[t + 1], s2 + y[t + 2], s3 + y[t + 3]
+        q0, q1 = q0 + y[t] * y[t], q1 + y[t + 1] * y[t + 1]
+        q2, q3 = q2 + y[t + 2] * y[t + 2], q3 + y[t + 3] * y[t + 3]
+    for t in range(n // 4 * 4, n):
+        s0 += y[t]
+        q0 += y[t] * y[t]
+    return (s0 + s2) + (s1 + s3), (q0 + q2) + (q1 + q3)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _products(x, begin, n, lag, products):
+    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time."""
+    for i in range(0, products.shape[0], LANES):
+        earlier = i - lag
+        a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
+        for t in range(begin, begin + n - 3, 4):
+            a = a + x[t] * load(x, t + earlier)
+            b = b + x[t + 1] * load(x, t + 1 + earlier)
+            c = c + x[t + 2] * load(x, t + 2 + earlier)
+            d = d + x[t + 3] * load(x, t + 3 + earlier)
+        for t in range(begin + n // 4 * 4, begin + n):
+            a = a + x[t] * load(x, t + earlier)
+        store(products, i, (a + c) + (b + d))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _coefficient(product, mean, variation, total_b, square_b, floor, one_nth):
+    """Return a Pearson coefficient from sums over n samples; NaN where a window is constant."""
+    variation_b = square_b - total_b * total_b * one_nth
+    if not (variation > 0.0 and variation_b > _CONSTANT * max(square_b, floor)):
+        return np.nan
+    return (product - mean * total_b) / np.sqrt(variation * variation_b)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _correlations(x, start, windows, n, first, last, products, r):
+    """Write the correlations at lags first ... last to r; return the sums of x and of x squared over all windows.
+
+    They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
+    the window before: its sums are known, and those at other lags follow from them sample by sample.
+    """
+    r[:] = 0.0
+    one_nth = 1.0 / n  # divisions would take a third of the time
+    sum_total, sum_square = 0.0, 0.0
+    earlier, earlier_square = _moments(x, start - n, n)
+    for w in range(windows):
+        begin = start + w * n
+        total, square = _moments(x, begin, n)
+        mean = total * one_nth
+        variation = square - total * mean
+        if not variation > _CONSTANT * square:
+            variation = 0.0
+        _products(x, begin, n, last, products)
+        b, total_b, square_b = begin - n, earlier, earlier_square
+        for lag in range(n, last + 1):
+            product = products[last - lag]
+            r[lag - first] += _coefficient(product, mean, variation, total_b, square_b, earlier_square, one_nth)
+            b -= 1
+            enters, leaves = x[b], x[b + n]
+            total_b += enters - leaves
+            square_b += (enters - leaves) * (enters + leaves)
+        b, total_b, square_b = begin - n, earlier, earlier_square
+        for lag in range(n - 1, first - 1, -1):
+            enters, leaves = x[b + n], x[b]
+            b += 1
+            total_b += enters - leaves
+            square_b += (enters - leaves) * (enters + leaves)
+            product = products[last - lag]
+            r[lag - first] += _coefficient(product, mean, variation, total_b, square_b, earlier_square, one_nth)
+        earlier, earlier_square = total, square
+        sum_total += total
+        sum_square += square
+    for i in range(r.shape[0]):
+        r[i] /= windows
+    return sum_total, sum_square
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _best_maximum(r):
+    """Return height and place (in lags from the first) of the largest interior maximum; NaN where there is none."""
+    height, place = np.nan, np.nan
+    for i in range(1, r.shape[0] - 1):
+        j = i + 1
+        while j < r.shape[0] and r[j] == r[i]:  # a flat top is a maximum if it falls on its far side
+            j += 1
+        if r[i - 1] < r[i] and j < r.shape[0] and r[j] < r[i]:
+            slope = 0.5 * (r[i + 1] - r[i - 1])
+            bend = 2.0 * r[i] - r[i + 1] - r[i - 1]
+            top = r[i] + 0.5 * slope * slope / bend
+            if not top <= height:
+                height, place = top, i + slope / bend
+    return min(height, 1.0), place  # a parabola may rise above what a correlation can be
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _periodicity(record, start, period, first, last, correlation, place, deviation):
+    samples = record.shape[1] - start
+    before = last + 1  # the sums slide one sample beyond the last lag
+    r = np.empty(last - first + 1)
+    products = np.empty(-(-r.shape[0] // LANES) * LANES)
+    x = np.zeros(before + samples + products.shape[0] + 8)
+    for i in range(record.shape[0]):
+        level = np.float64(record[i, start])  # near the mean: the sums then cancel less
+        row = record[i, start - before :]
+        for t in range(row.shape[0]):
+            x[t] = np.float64(row[t]) - level
+        total, square = _correlations(x, before, samples // period, period, first, last, products, r)
+        height, at = _best_maximum(r)
+        correlation[i] = height
+        place[i] = first + at
+        deviation[i] = np.sqrt(max(0.0, square - total * total / samples) / samples)
+
+
+def periodicity(record: NDArray[np.float32], start: int, period: int, lags: tuple[int, int]) -> Periodicity:
+    """Return correlation, period and loudness of every cell over the last five periods.
+
+    Parameters
+    ----------
+    record
+        (cells, start + 5 * period) bridge force; the window is ``record[:, start:]``, what precedes it came before
+        (0 before t = 0: windows that are constant have no correlation, so the first five periods seldom have one).
+    start
+        Samples before the window, more than the longest lag.
+    period
+        Nominal period in samples: length of each correlated window.
+    lags
+        First and last lag, samples, both included; the nominal period lies between them.
+
+    Raises
+    ------
+    ValueError
+        Where the record is too short, or the lags do not enclose the period.
+    """
+    first, last = lags
+    samples = record.shape[1] - start
+    if not 0 < first < period < last < start or samples <= 0 or samples % period:
+        raise ValueError(
+            f"record {record.shape} with the window from {start}: lags {first} ... {last} should enclose the period "
+            f"{period}, the window should hold whole periods, and more than {last} samples should precede it"
+        )
+    cells = record.shape[0]
+    result = Periodicity(np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells))
+    _periodicity(record, start, period, first, last, *result)
+    return result

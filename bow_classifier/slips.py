@@ -1,0 +1,142 @@
+"""The second test: significant slips (section III.B, PHYSICS.md section 7).
+
+A slip is significant when the slip speed, integrated over the whole interval, exceeds a threshold: a whole Helmholtz
+slip gives v_b N, the slips of Schelleng ripples at the moment of release a few percent of it. A slip counts in the
+window in which it ends, with all of its integral, also what came before.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+NEIGHBOURS = np.array([0.8, 0.9, 1.1, 1.2])
+"""Factors of a threshold under which a count should stay the same if it is to be trusted."""
+
+_FACTORS = np.concatenate([[1.0], NEIGHBOURS])
+
+
+class Intervals(NamedTuple):
+    """The slip intervals of a chunk, cut at its borders, as the message StickSlip has them.
+
+    Attributes
+    ----------
+    slipping
+        (cells,) uint8: 1 = slipping after the last step before this chunk.
+    offsets
+        (cells + 1,) uint32: intervals of cell i are offsets[i] ... offsets[i + 1] - 1.
+    onset, duration
+        (intervals,) uint32, samples: first slipping sample within the chunk, and how many.
+    slip
+        (intervals,) float64: sum of the slip speed over the interval.
+    """
+
+    slipping: NDArray[np.uint8]
+    offsets: NDArray[np.uint32]
+    onset: NDArray[np.uint32]
+    duration: NDArray[np.uint32]
+    slip: NDArray[np.float64]
+
+
+class Slips(NamedTuple):
+    """What the second test says of the cells of a block.
+
+    Attributes
+    ----------
+    number
+        (cells,) uint16: significant slips that end in the window.
+    sure
+        (cells,) float64, 0 ... 1: share of neighbouring thresholds (`NEIGHBOURS` times the threshold) under which the
+        count is the same.
+    """
+
+    number: NDArray[np.uint16]
+    sure: NDArray[np.float64]
+
+
+class Unfinished(NamedTuple):
+    """The slip that goes on at the end of a chunk: `slipping` (cells,) bool, and `slip` (cells,), its sum so far."""
+
+    slipping: NDArray[np.bool_]
+    slip: NDArray[np.float64]
+
+    @classmethod
+    def none(cls, cells: int) -> Unfinished:
+        """Return the state at the start: the string sticks."""
+        return cls(np.zeros(cells, bool), np.zeros(cells))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _end(total, level, factors, tally):
+    """Count a slip that has ended, under every factor of the threshold."""
+    for j in range(factors.shape[0]):
+        tally[j] += int(total > factors[j] * level)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _slips(offsets, onset, duration, slip, samples, level, factors, slipping, unfinished, number, sure):
+    tally = np.empty(factors.shape[0], np.int64)
+    for i in range(level.shape[0]):
+        begin, end = offsets[i], offsets[i + 1]
+        goes_on, total = slipping[i], unfinished[i]
+        tally[:] = 0
+        if goes_on and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
+            _end(total, level[i], factors, tally)
+            goes_on = False
+        for k in range(begin, end):
+            total = total + slip[k] if goes_on else slip[k]
+            goes_on = onset[k] + duration[k] == samples
+            if not goes_on:
+                _end(total, level[i], factors, tally)
+        slipping[i] = goes_on
+        unfinished[i] = total if goes_on else 0.0
+        number[i] = tally[0]
+        same = 0
+        for j in range(1, factors.shape[0]):
+            same += int(tally[j] == tally[0])
+        sure[i] = same / (factors.shape[0] - 1)
+
+
+def slips(
+    intervals: Intervals, samples: int, level: NDArray[np.float64], before: Unfinished
+) -> tuple[Slips, Unfinished]:
+    """Return the significant slips that end in a chunk, for every cell, and what goes on at its end.
+
+    Parameters
+    ----------
+    intervals
+        The chunk's slip intervals.
+    samples
+        Length of the chunk, which is the window.
+    level
+        (cells,) threshold of the integrated slip, in samples times bow speed.
+    before
+        The slips that went on at the end of the chunk before.
+
+    Raises
+    ------
+    ValueError
+        Where the chunk does not begin in the state in which the one before ended.
+    """
+    wrong = np.flatnonzero((intervals.slipping != 0) != before.slipping)
+    if len(wrong):
+        state = "slips" if before.slipping[wrong[0]] else "sticks"
+        raise ValueError(f"row {wrong[0]}: the string {state} at the end of the chunk before, not so this one says")
+    cells = len(level)
+    result = Slips(np.empty(cells, np.uint16), np.empty(cells))
+    after = Unfinished(before.slipping.copy(), before.slip.copy())
+    _slips(
+        intervals.offsets.astype(np.int64),
+        intervals.onset.astype(np.int64),
+        intervals.duration.astype(np.int64),
+        intervals.slip.astype(np.float64),  # astype copies: views of a message may be unaligned
+        samples,
+        level,
+        _FACTORS,
+        *after,
+        *result,
+    )
+    return result, after

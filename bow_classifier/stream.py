@@ -1,0 +1,282 @@
+"""The classifier's side of the contract (DESIGN.md): stream messages in, verdict messages out, whoever carries them.
+
+The node feeds this core from DDS, replay and verify from a bag; it cannot tell. Per block it takes only the next
+expected chunk, from any attempt; an earlier one is answered again as it was answered first; a later one, and whatever
+does not belong to the sweep, is counted and ignored. What it holds is bounded: a block's state goes when the plan says
+that the block is settled, and messages that wait for their other half are at most `AHEAD` chunks ahead.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bow_sim import wire
+from bow_sim.model import ParameterError
+
+from .judge import BlockJudge
+from .slips import Intervals
+from .task import Task
+
+FORCE, SLIP = "BridgeForce", "StickSlip"
+"""The two halves of a chunk."""
+
+AHEAD = 64
+"""Chunks of a block that may wait for their other half: twice a simulator's credit. The two topics are separate
+streams; one can run ahead of the other."""
+
+COMPLAINTS = 100
+"""Complaints that wait to be fetched, at most; the oldest go first."""
+
+PLAN_OPEN, OUTSTANDING = 1, 0
+"""Values of Plan.state and Plan.block_states."""
+
+
+class Refused(Exception):
+    """A message that does not belong: says why."""
+
+
+@dataclass
+class Counts:
+    """What came in since the start: see the message Health. `nondeterministic`: duplicates that differed."""
+
+    messages: int = 0
+    bytes: int = 0
+    judged: int = 0
+    duplicates: int = 0
+    ignored: int = 0
+    nondeterministic: int = 0
+
+
+class _Half(NamedTuple):
+    values: Mapping[str, Any]
+    attempts: list[int]  # all that sent it while it waited: each gets its answer
+
+
+class _Answer(NamedTuple):
+    checksums: Mapping[str, int]  # of the two messages that were judged
+    values: Mapping[str, Any]  # the Verdicts but for the attempt
+
+
+@dataclass
+class _Block:
+    judge: BlockJudge | None
+    waiting: dict[str, dict[int, _Half]] = field(default_factory=lambda: {FORCE: {}, SLIP: {}})
+    answers: list[_Answer] = field(default_factory=list)  # by chunk
+
+    @property
+    def next(self) -> int:
+        return len(self.answers)
+
+
+class Classifier:
+    """Judges the chunks of the sweep in progress.
+
+    Parameters
+    ----------
+    incarnation
+        Of the classifier: goes into its verdicts.
+
+    Attributes
+    ----------
+    task
+        The sweep in progress; None while there is none, or none that can be judged.
+    problem
+        Why the announced sweep cannot be judged; "" if nothing is wrong.
+    counts
+        What came in.
+    complaints
+        Lines for people on what was ignored, the latest `COMPLAINTS`; take them out with ``popleft``.
+    """
+
+    def __init__(self, incarnation: str) -> None:
+        self.incarnation = incarnation
+        self.task: Task | None = None
+        self.problem = ""
+        self.counts = Counts()
+        self.complaints: deque[str] = deque(maxlen=COMPLAINTS)
+        self._plan = ("", "", "", -1)
+        self._blocks: dict[int, _Block] = {}
+        self._settled: frozenset[int] = frozenset()
+
+    def open(self, task: Task | None) -> None:
+        """Begin another sweep, or none; what is known of the one before is forgotten."""
+        self.task, self.problem = task, ""
+        self._blocks, self._settled = {}, frozenset()
+
+    def settle(self, blocks: Iterable[int]) -> None:
+        """Forget `blocks`, all that are done or given up: their messages are ignored from now on."""
+        self._settled = frozenset(blocks)
+        for block in self._settled & self._blocks.keys():
+            del self._blocks[block]
+
+    def plan(self, data: wire.Buffer) -> None:
+        """Take a Plan message: the sweep it opens or closes, and which blocks are settled.
+
+        A plan of the sweep in progress with an older epoch comes from a coordinator that is no longer in charge.
+        """
+        try:
+            plan = wire.decode("Plan", data)
+        except wire.WireError as error:
+            self._complain(f"plan ignored: {error}")
+            return
+        name, epoch = (plan["run_id"], plan["sweep_id"], plan["classifier"]), plan["epoch"]
+        if plan["state"] != PLAN_OPEN:
+            if self._plan[0] == plan["run_id"]:
+                self._plan = ("", "", "", -1)
+                self.open(None)
+            return
+        if self._plan[:3] == name and epoch < self._plan[3]:
+            self._complain(f"plan of epoch {epoch} ignored: epoch {self._plan[3]} is in charge")
+            return
+        if self._plan[:3] != name:
+            self.open(None)
+            try:
+                task = Task.from_settings(plan["run_id"], plan["sweep_id"], plan["spec.settings"])
+                if task.thresholds.hash != plan["classifier"]:
+                    self.problem = f"the plan wants classifier {plan['classifier']}, this is {task.thresholds.hash}"
+                else:
+                    self.task = task
+            except ParameterError as error:
+                self.problem = str(error)
+        self._plan = (*name, epoch)
+        self.settle(np.flatnonzero(plan["block_states"] != OUTSTANDING).tolist())
+
+    def take(self, name: str, data: wire.Buffer) -> list[bytes]:
+        """Take one message of a stream; return the verdicts to publish, in order.
+
+        Parameters
+        ----------
+        name
+            "BridgeForce" or "StickSlip".
+        data
+            The message as CDR bytes. It may be kept, and must not change.
+        """
+        self.counts.messages += 1
+        self.counts.bytes += len(data)
+        try:
+            values, cells = self._check(name, data)
+            block = self._blocks.get(values["block"])
+            if block is None:
+                block = self._blocks[values["block"]] = self._new_block(cells)
+            if values["chunk"] < block.next:
+                return self._answer_again(name, values, block)
+            self._hold(name, values, block)
+            return self._judge_what_is_whole(values["block"], block)
+        except (wire.WireError, Refused) as error:
+            self._complain(f"ignored: {error}")
+            return []
+
+    def _complain(self, text: str) -> None:
+        self.counts.ignored += 1
+        self.complaints.append(text)
+
+    def _new_block(self, cells: np.ndarray) -> _Block:
+        assert self.task is not None
+        speed = self.task.bow_speed(cells)
+        return _Block(BlockJudge(self.task.geometry, self.task.thresholds, len(cells), speed))
+
+    def _check(self, name: str, data: wire.Buffer) -> tuple[dict[str, Any], np.ndarray]:
+        """Return the fields of a message of this sweep, and the cells of its block.
+
+        Raises
+        ------
+        WireError, Refused
+            Where it is not a message of this sweep.
+        """
+        seen = wire.peek(name, data)
+        where = f"{name} of block {seen.block}, chunk {seen.chunk}"
+        if self.task is None:
+            raise Refused(f"{where}: no sweep is open")
+        if (seen.run_id, seen.sweep_id) != (self.task.run_id, self.task.sweep_id):
+            raise Refused(f"{where}: run {seen.run_id!r}, sweep {seen.sweep_id!r} is not the one in progress")
+        if seen.block >= self.task.blocks or seen.chunk >= self.task.chunks:
+            raise Refused(f"{where}: the sweep has {self.task.blocks} blocks of {self.task.chunks} chunks")
+        if seen.block in self._settled:
+            raise Refused(f"{where}: the block is settled")
+        values = wire.unseal(name, data)
+        cells = self.task.block(seen.block)
+        if not np.array_equal(values["cells"], cells):
+            raise Refused(f"{where}: its cells are not those of the block, {cells[0]} ... {cells[-1]}")
+        samples = self.task.geometry.samples
+        if (values["samples"], values["first_sample"]) != (samples, seen.chunk * samples):
+            raise Refused(
+                f"{where}: {values['samples']} samples from {values['first_sample']} on, "
+                f"should be {samples} from {seen.chunk * samples} on"
+            )
+        return values, cells
+
+    def _compare(self, name: str, values: Mapping[str, Any], first: int) -> None:
+        """Note a duplicate; attempts of a block should give the same bytes."""
+        self.counts.duplicates += 1
+        if values["checksum"] != first:
+            self.counts.nondeterministic += 1
+            self.complaints.append(
+                f"{name} of block {values['block']}, chunk {values['chunk']}, attempt {values['attempt']}: "
+                f"checksum {values['checksum']:016x}, was {first:016x} before: not deterministic"
+            )
+
+    def _answer_again(self, name: str, values: Mapping[str, Any], block: _Block) -> list[bytes]:
+        """Answer a chunk that is already judged, once for its two messages."""
+        answer = block.answers[values["chunk"]]
+        self._compare(name, values, answer.checksums[name])
+        return [_verdicts(answer, values["attempt"])] if name == SLIP else []
+
+    def _hold(self, name: str, values: Mapping[str, Any], block: _Block) -> None:
+        """Keep half a chunk until the other half is there, if no chunk before it is missing on its topic."""
+        waiting, chunk = block.waiting[name], values["chunk"]
+        if chunk in waiting:
+            self._compare(name, values, waiting[chunk].values["checksum"])
+            if values["attempt"] not in waiting[chunk].attempts:
+                waiting[chunk].attempts.append(values["attempt"])
+            return
+        if (chunk > block.next and chunk - 1 not in waiting) or chunk >= block.next + AHEAD:
+            raise Refused(f"{name} of block {values['block']}, chunk {chunk}: chunk {block.next} comes first")
+        waiting[chunk] = _Half(values, [values["attempt"]])
+
+    def _judge_what_is_whole(self, number: int, block: _Block) -> list[bytes]:
+        out: list[bytes] = []
+        while block.judge and block.next in block.waiting[FORCE] and block.next in block.waiting[SLIP]:
+            force = block.waiting[FORCE][block.next].values
+            slip, attempts = block.waiting[SLIP].pop(block.next)
+            window = (len(force["cells"]), force["samples"])
+            try:
+                intervals = Intervals(*(slip[name] for name in Intervals._fields))
+                judgement = block.judge.judge(force["data"].reshape(window), intervals)
+            except ValueError as error:  # this half is wrong; another attempt may bring a right one
+                self._complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
+                break
+            answer = self._answer(number, block.next, force, slip, judgement._asdict())
+            del block.waiting[FORCE][block.next]
+            block.answers.append(answer)
+            self.counts.judged += 1
+            out += [_verdicts(answer, attempt) for attempt in attempts]
+            if self.task and block.next == self.task.chunks:
+                block.judge = None
+        return out
+
+    def _answer(
+        self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], judgement: Mapping[str, Any]
+    ) -> _Answer:
+        assert self.task is not None
+        checksums = {FORCE: force["checksum"], SLIP: slip["checksum"]}
+        values = {
+            "run_id": self.task.run_id,
+            "sweep_id": self.task.sweep_id,
+            "block": block,
+            "chunk": chunk,
+            "incarnation": self.incarnation,
+            "chunk_checksum": wire.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
+            "classifier": self.task.thresholds.hash,
+            "cells": self.task.block(block),
+            **judgement,
+        }
+        return _Answer(checksums, values)
+
+
+def _verdicts(answer: _Answer, attempt: int) -> bytes:
+    return wire.encode("Verdicts", {**answer.values, "attempt": attempt})

@@ -1,0 +1,81 @@
+"""Back-pressure by credit: what a simulator has sent and nobody has yet answered for.
+
+A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks are
+under way; a DDS acknowledgement does not count, for it says nothing of a write or a verdict. What stays unanswered is
+sent again: both consumers answer a duplicate as they answered the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+LIMIT = 32
+"""Chunks under way at most: about 11 MB of bridge force at 128 cells a block."""
+
+RESEND_S = 2.0
+"""Without any answer for this long, while both consumers are alive, the unanswered chunks are sent again."""
+
+Key = tuple[int, int]
+"""A chunk of the sweep: (block, chunk)."""
+
+
+@dataclass
+class _Sent:
+    messages: tuple[bytes, ...]
+    receipted: bool = False
+    judged: bool = False
+
+
+class Window:
+    """The unanswered chunks of one simulator, oldest first.
+
+    Parameters
+    ----------
+    limit
+        Chunks under way at most.
+    """
+
+    def __init__(self, limit: int = LIMIT) -> None:
+        self.limit = limit
+        self._sent: dict[Key, _Sent] = {}
+        self._quiet_since = 0.0
+
+    def __len__(self) -> int:
+        return len(self._sent)
+
+    @property
+    def full(self) -> bool:
+        """Whether the next chunk has to wait."""
+        return len(self._sent) >= self.limit
+
+    def sent(self, key: Key, messages: Iterable[bytes], now: float) -> None:
+        """Note that a chunk has been published at `now` (seconds)."""
+        if not self._sent:
+            self._quiet_since = now
+        self._sent[key] = _Sent(tuple(messages))
+
+    def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
+        """Note an answer; return whether it closed a chunk."""
+        entry = self._sent.get(key)
+        if entry is None:
+            return False
+        entry.receipted |= receipted
+        entry.judged |= judged
+        self._quiet_since = now
+        if entry.receipted and entry.judged:
+            del self._sent[key]
+            return True
+        return False
+
+    def drop(self, blocks: Iterable[int] | None = None) -> None:
+        """Forget the chunks of `blocks`, or all: nobody will answer for them."""
+        gone = None if blocks is None else set(blocks)
+        self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
+
+    def overdue(self, now: float) -> list[tuple[bytes, ...]]:
+        """Return what to publish again, in order, after `RESEND_S` without an answer; starts the wait anew."""
+        if not self._sent or now - self._quiet_since < RESEND_S:
+            return []
+        self._quiet_since = now
+        return [entry.messages for entry in self._sent.values()]

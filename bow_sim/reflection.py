@@ -1,0 +1,214 @@
+"""Reflection functions: what comes back to the bow from each end, as plain data.
+
+A reflection function is a short list of taps at consecutive lags and, where wanted, an
+exponential tail, which costs one multiply-add a step instead of a long convolution. All are
+for velocity waves: a rigid end reflects with -1.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_sim.model import ParameterError, Parameters
+
+NUT_FFT = 4096
+"""Length of the inverse FFT that samples the stiff string's reflection (PHYSICS.md section 3)."""
+
+NUT_LEFT_OUT = 1e-7
+"""Share of the energy of the stiff reflection cut off at each end (PHYSICS.md section 3)."""
+
+
+@dataclass(frozen=True)
+class Reflection:
+    """One reflection function: ``in[t] = sum_k taps[k] out[t - first - k] + tail``.
+
+    The tail is ``tail * sum_k pole**k out[t - tail_first - k]``.
+
+    Parameters
+    ----------
+    taps : tuple of float
+        Coefficients at lags ``first``, ``first + 1``, ...
+    first : int
+        Lag of the first tap, samples, at least 1.
+    tail, pole : float
+        Size and ratio of the exponential tail; ``tail = 0`` for none.
+    tail_first : int
+        Lag of the tail's first sample, samples.
+    """
+
+    taps: tuple[float, ...]
+    first: int
+    tail: float = 0.0
+    pole: float = 0.0
+    tail_first: int = 1
+
+    @property
+    def last(self) -> int:
+        """The greatest lag that a step looks back to."""
+        return max(self.first + len(self.taps) - 1, self.tail_first if self.tail else 0)
+
+    def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Evaluate the z transform; ``z = exp(i w)`` gives the frequency response."""
+        powers = z[..., None] ** -(self.first + np.arange(len(self.taps), dtype=np.float64))
+        total = np.asarray(powers @ np.asarray(self.taps, dtype=np.complex128))
+        if self.tail:
+            total = total + self.tail * z ** -float(self.tail_first) / (1.0 - self.pole / z)
+        return total
+
+
+class Ends(NamedTuple):
+    """What the bow looks at: the four reflection functions and the admittances."""
+
+    bridge: Reflection
+    nut: Reflection
+    torsion_bridge: Reflection
+    torsion_nut: Reflection
+    y_t: float
+    y_r: float
+
+    @property
+    def y(self) -> float:
+        """Driving-point admittance of the infinite string at the bow, ``(Y_T + Y_R)/2``."""
+        return (self.y_t + self.y_r) / 2
+
+
+ABSORBED = Reflection((0.0,), 1)
+"""Nothing comes back."""
+
+
+def delta(lag: int, gain: float = 1.0) -> Reflection:
+    """Reflect with ``-gain`` after ``lag`` samples: a rigid end of an ideal string (section II.B)."""
+    return Reflection((-gain,), lag)
+
+
+def cremer(lag: int, r: float, w_c: float, period: int) -> Reflection:
+    """Cremer's bridge: a spring parallel to a dashpot (section III.A; PHYSICS.md section 3).
+
+    Parameters
+    ----------
+    lag : int
+        Round trip of the bow and the bridge, samples.
+    r : float
+        Dashpot, in units of the string's impedance.
+    w_c : float
+        Corner frequency K/R over the angular frequency of the nominal fundamental.
+    period : int
+        Nominal period, samples.
+    """
+    k = w_c * (2 * math.pi / period) * r
+    rho = (r - 1) / (r + 1)
+    p = math.exp(-k / (r + 1))
+    return Reflection((-rho,), lag, tail=-(1 - rho) * (1 - p), pole=p, tail_first=lag + 1)
+
+
+@functools.lru_cache(maxsize=512)
+def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Reflection:
+    """The long side of a string with bending stiffness (section III.A; PHYSICS.md section 3).
+
+    Parameters
+    ----------
+    lag : int
+        Round trip of the bow and the nut for long waves, samples.
+    period : int
+        Nominal period, samples.
+    b : float
+        Bending stiffness B: a wholly stiff string has ``f_n = n f_1 sqrt(1 + B n**2)``.
+    cutoff, power : float
+        The anti-alias filter ``exp(-2 (w/(cutoff pi))**power)``, w in radians a sample.
+    """
+    w = 2 * np.pi * np.arange(NUT_FFT // 2 + 1) / NUT_FFT
+    x2 = (w * period / (2 * np.pi)) ** 2
+    n = np.sqrt(2 * x2 / (1 + np.sqrt(1 + 4 * b * x2)))
+    spectrum = -np.exp(-2j * np.pi * n * lag / period) * np.exp(-2 * (w / (cutoff * np.pi)) ** power)
+    spectrum[-1] = spectrum[-1].real
+    h = np.fft.irfft(spectrum, NUT_FFT)
+    share = np.cumsum(h * h) / np.sum(h * h)
+    first = int(np.argmax(share >= NUT_LEFT_OUT))
+    last = int(np.argmax(share >= 1 - NUT_LEFT_OUT))
+    if first < 1:
+        raise ParameterError(
+            f"stiffness_b = {b!r}: the reflection at the nut would begin before it was sent; "
+            f"the stiffness must be less, or the nut (now {lag} samples away) farther"
+        )
+    taps = h[first : last + 1]
+    taps = -taps / math.fsum(taps)
+    return Reflection(tuple(taps.tolist()), first)
+
+
+@functools.lru_cache(maxsize=512)
+def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
+    """A Gaussian ``exp(-((t - c)/width)**2)`` of sum ``-gain`` and first moment ``delay`` (Appendix).
+
+    Parameters
+    ----------
+    delay : float
+        Round trip, samples; the centre c is moved until the discrete first moment is this.
+    width : float
+        tau, samples.
+    gain : float
+        Minus the sum of the taps.
+    half : int
+        The lags are floor(delay) + 1 - half ... floor(delay) + half, those below 1 left out.
+    """
+    near = math.floor(delay)
+    lags = range(max(1, near + 1 - half), near + half + 1)
+
+    def weights(centre: float) -> list[float]:
+        least = min(abs(lag - centre) for lag in lags)  # keeps the greatest at 1 when the centre is far outside
+        return [math.exp((least * least - (lag - centre) ** 2) / width**2) for lag in lags]
+
+    def moment(centre: float) -> float:
+        w = weights(centre)
+        return math.fsum(lag * x for lag, x in zip(lags, w, strict=True)) / math.fsum(w)
+
+    reach = 4 * half + 40 * width
+    low, high = delay - reach, delay + reach
+    if not moment(low) <= delay <= moment(high):
+        raise ParameterError(
+            f"torsion_speed: the torsional round trip of {delay:.3g} samples is too short for a reflection function "
+            "whose first lag is 1; it must be more than 1 sample"
+        )
+    while True:  # the moment grows with the centre: halve until the numbers run out
+        centre = (low + high) / 2
+        if centre in (low, high):
+            break
+        low, high = (centre, high) if moment(centre) < delay else (low, centre)
+    w = weights(centre)
+    total = math.fsum(w)
+    return Reflection(tuple(-gain * x / total for x in w), lags[0])
+
+
+def ends(p: Parameters) -> Ends:
+    """Return the reflection functions and admittances of a model.
+
+    Parameters
+    ----------
+    p : Parameters
+
+    Returns
+    -------
+    Ends
+    """
+    near, far = p.bow_bridge, p.period - p.bow_bridge
+    y_r = p.torsion_admittance * p.y_t
+    if p.model == "friedlander":
+        return Ends(delta(near), delta(far), ABSORBED, ABSORBED, p.y_t, 0.0)
+    if p.model == "raman":
+        return Ends(delta(near, p.bridge_gain), delta(far, p.nut_gain), ABSORBED, ABSORBED, p.y_t, 0.0)
+    if p.model == "rounded_corner":
+        bridge, nut = (gaussian(float(d), p.corner_width, 1.0, p.torsion_half) for d in (near, far))
+        return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
+    bridge = cremer(near, p.bridge_r, p.bridge_w_c, p.period)
+    if p.model == "torsion_absorbed":
+        return Ends(bridge, delta(far), ABSORBED, ABSORBED, p.y_t, y_r)
+    nut = delta(far)
+    if p.model == "stiff_cremer":
+        nut = stiff(far, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
+    torsion = [gaussian(d / p.torsion_speed, p.torsion_width, p.torsion_gain, p.torsion_half) for d in (near, far)]
+    return Ends(bridge, nut, torsion[0], torsion[1], p.y_t, y_r)

@@ -1,0 +1,181 @@
+"""What every node of the graph shares: quality of service, health, and a life from start to Ctrl-C."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import resource
+import secrets
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import rclpy
+from bow_msgs.msg import Health
+from rclpy.exceptions import ParameterException
+from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+RCLError = rclpy_implementation.RCLError
+
+NAMESPACE = "/bow"
+"""Where nodes live unless remapped (``-r __ns:=``); `bow sweep` gives each run a namespace of its own below it."""
+
+STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+"""bridge_force, stick_slip, verdicts, receipts: nothing is dropped; credit bounds what is under way."""
+
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""plan, basin_map, health: a late joiner gets the latest one of every publisher."""
+
+INSPECT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""inspect: pictures for people; a lost one is no loss."""
+
+HEALTH_PERIOD_S = 1.0
+
+
+class StartupError(Exception):
+    """A node cannot start: a parameter is wrong, or a directory cannot be used. The message is for people."""
+
+
+def random_id() -> str:
+    """Return a new identity for a run or an incarnation: 16 hexadecimal digits, the first a letter.
+
+    A run's namespace is named by it, and ROS names do not begin with a digit.
+    """
+    return secrets.choice("abcdef") + secrets.token_hex(8)[1:]
+
+
+class BowNode(Node):
+    """A node with a role, an incarnation and a heartbeat on ``health``.
+
+    Attributes
+    ----------
+    incarnation
+        Random, new at every start: tells others that state kept here is gone.
+    health
+        The message of the next heartbeat: count messages, bytes, duplicates and ignored ones in its fields.
+    finished
+        Set it when the node has nothing more to do: its process then ends with status 0.
+    """
+
+    finished = False
+
+    def __init__(self, role: str, name: str | None = None) -> None:
+        super().__init__(name or role, namespace=NAMESPACE)
+        self.incarnation = random_id()
+        self.health = Health(
+            role=role,
+            node=self.get_fully_qualified_name(),
+            incarnation=self.incarnation,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            state=Health.STARTING,
+        )
+        self._health_publisher = self.create_publisher(Health, "health", LATCHED)
+        self.create_timer(HEALTH_PERIOD_S, self.beat)
+        self.beat()
+
+    def beat(self) -> None:
+        """Publish the state of this node now."""
+        self.health.stamp = self.get_clock().now().to_msg()
+        self.health.rss = resident_bytes()
+        self._health_publisher.publish(self.health)
+
+    def become(self, state: int, detail: str = "", run: str | None = None) -> None:
+        """Change the published state; say so at once if it is another one."""
+        run = self.health.run_id if run is None else run
+        changed = (self.health.state, self.health.detail, self.health.run_id) != (state, detail, run)
+        self.health.state, self.health.detail, self.health.run_id = state, detail, run
+        if changed:
+            self.beat()
+
+    def close(self) -> None:
+        """Leave nothing half-done behind; called once, while publishing may no longer be possible."""
+
+
+def resident_bytes() -> int:
+    """Return the resident memory of this process in bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def publish_surely(node: Node, publisher: Publisher, message: bytes, give_up: Callable[[], bool]) -> bool:
+    """Publish CDR bytes on a KEEP_ALL topic; while the queue is full, say which subscribers there are and try again.
+
+    Returns False only where `give_up` says that the node is leaving.
+    """
+    for attempt in itertools.count():
+        try:
+            publisher.publish(message)
+            return True
+        except RCLError as error:
+            if give_up() or not rclpy.ok():
+                return False
+            if attempt % 10 == 0:  # publish() itself waits 0.1 s
+                names = sorted({i.node_name for i in node.get_subscriptions_info_by_topic(publisher.topic_name)})
+                node.get_logger().warning(
+                    f"{publisher.topic_name}: cannot publish, one of {', '.join(names)} hangs: {error}"
+                )
+    return False
+
+
+def use_local_defaults() -> None:
+    """Keep the graph on this machine and large messages in shared memory, unless the user's environment says else."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    if "FASTRTPS_DEFAULT_PROFILES_FILE" not in os.environ:
+        for above in Path(__file__).resolve().parents:
+            for profile in (above / "config" / "fastdds.xml", above / "share" / "bow" / "config" / "fastdds.xml"):
+                if profile.is_file():
+                    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+                    return
+
+
+def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, description: str = "") -> int:
+    """Run one node until it is told to stop; return its exit status (0, or 1 after an error).
+
+    `make` builds the node inside an initialised context. ``--help`` prints `description`.
+    """
+    arguments = list(sys.argv if args is None else args)
+    if {"-h", "--help"} & set(remove_ros_args(arguments)[1:]):
+        print(description.strip())
+        return 0
+    use_local_defaults()
+    node: BowNode | None = None
+    status = 0
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):  # our own handlers, so that a node can say goodbye
+        signal.signal(number, lambda *_: stop.set())
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    try:
+        node = make()
+        executor.add_node(node)
+        while not (stop.is_set() or node.finished):
+            executor.spin_once(timeout_sec=0.1)
+    except (StartupError, ParameterException) as error:
+        print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
+        status = 1
+    except Exception:
+        traceback.print_exc()
+        status = 1
+    finally:
+        if node is not None:
+            try:
+                node.close()
+                node.become(Health.CLOSED, "left")
+            except Exception:
+                traceback.print_exc()
+                status = 1
+        executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return status

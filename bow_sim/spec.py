@@ -1,0 +1,66 @@
+"""The written form of a sweep, as far as all rooms of the house need it.
+
+A sweep is "name=value" settings (see :mod:`bow_sweep.plan`): names of :class:`bow_sim.model.Parameters`, ``x.*`` and
+``y.*`` for the axes of the map, ``classifier.*`` for thresholds, and ``block_cells``. Simulator and classifier stand
+upstream of the plan and only take these apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from .model import ParameterError, Parameters, parse_settings
+
+GROUPS = ("x", "y", "classifier")
+"""Prefixes of settings that are not parameters of the string."""
+
+
+@dataclass(frozen=True)
+class Spec:
+    """Settings taken apart: the values are text or, from a preset file, whatever YAML made of them."""
+
+    plain: Mapping[str, object]
+    x: Mapping[str, object]
+    y: Mapping[str, object]
+    classifier: Mapping[str, object]
+    block_cells: object = None
+
+    def parameters(self) -> Parameters:
+        """Return what is common to all cells; the two swept parameters keep their defaults."""
+        return Parameters.from_mapping(self.plain)
+
+    def number(self, group: str, key: str) -> int:
+        """Return a whole number of a resolved sweep, such as ``x.count``.
+
+        Raises
+        ------
+        ParameterError
+            Where it is missing or no number.
+        """
+        source = {"block_cells": self.block_cells} if group == "" else getattr(self, group)
+        try:
+            return int(str(source[key]))
+        except (KeyError, ValueError):
+            name = f"{group}.{key}" if group else key
+            raise ParameterError(f"{name} = {source.get(key)!r}: should be a whole number") from None
+
+
+def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
+    """Return settings taken apart by their prefixes; unknown names stay among the plain ones and are refused there.
+
+    Raises
+    ------
+    ParameterError
+        Where a text is not of the form name=value.
+    """
+    mapping = settings if isinstance(settings, Mapping) else parse_settings(settings)
+    groups: dict[str, dict[str, object]] = {group: {} for group in GROUPS}
+    plain: dict[str, object] = {}
+    for key, value in mapping.items():
+        head, dot, tail = key.partition(".")
+        if dot and head in groups:
+            groups[head][tail] = value
+        else:
+            plain[key] = value
+    return Spec(plain=plain, block_cells=plain.pop("block_cells", None), **groups)

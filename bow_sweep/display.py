@@ -1,0 +1,81 @@
+"""How a sweep shows on a terminal, and in plain lines where there is none."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+
+PLAIN_EVERY_S = 2.0
+SHOWN_REGIMES = 4
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a sweep stands, in cells."""
+
+    done: int
+    quarantined: int
+    planned: int
+    regimes: dict[str, int] = field(default_factory=dict)
+
+
+class Display:
+    """Live progress: a bar on a terminal, a line every two seconds elsewhere.
+
+    Parameters
+    ----------
+    console
+        Where to show; stderr, so that stdout stays for results.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        self.console = console or Console(stderr=True, highlight=False)
+        self._bar: Bar | None = None
+        self._task = TaskID(0)
+        self._first: tuple[float, int] | None = None
+        self._last_plain = time.monotonic()
+        self._last_text = ""
+
+    def say(self, text: str) -> None:
+        """Print a line, above the bar where there is one."""
+        self.console.print(text, soft_wrap=True, markup=False)
+
+    def show(self, progress: Progress | None, waiting: str, now: float) -> None:
+        """Show where the sweep stands at `now` (seconds); call often."""
+        if progress is None or not progress.planned:
+            self._plain(f"waiting: {waiting or 'for the nodes of the graph'}", now)
+            return
+        if self._first is None:
+            self._first = (now, progress.done)
+        began, before = self._first
+        rate = (progress.done - before) / (now - began) if now > began else 0.0
+        left = progress.planned - progress.done - progress.quarantined
+        speed = f"{rate:,.0f} cells/s" + (f", {left / rate:.0f} s left" if rate else "")
+        ranked = sorted(progress.regimes.items(), key=lambda item: -item[1])[:SHOWN_REGIMES]
+        regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in ranked if count)
+        if progress.quarantined:
+            regimes += f", quarantined {progress.quarantined}"
+        if not self.console.is_terminal:
+            self._plain(f"{progress.done}/{progress.planned} cells, {speed}; {regimes}", now)
+            return
+        if self._bar is None:
+            columns = (BarColumn(30), MofNCompleteColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn())
+            self._bar = Bar(*columns, TextColumn("[dim]{task.fields[regimes]}"), console=self.console)
+            self._task = self._bar.add_task("", total=progress.planned, speed="", regimes="")
+            self._bar.start()
+        self._bar.update(self._task, completed=progress.done + progress.quarantined, speed=speed, regimes=regimes)
+
+    def _plain(self, text: str, now: float) -> None:
+        if now - self._last_plain >= PLAIN_EVERY_S and text != self._last_text:
+            self._last_plain, self._last_text = now, text
+            self.say(text)
+
+    def stop(self) -> None:
+        """Leave the terminal as it was."""
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None

@@ -1,0 +1,268 @@
+"""A sweep as a plan: which cells, in which blocks, with which parameters.
+
+A *sweep* is a plan of *cells* (points of a parameter plane); a *block* is the cells that one simulator runs together;
+a *chunk* is five periods of a block. A sweep has one written form, "name=value" settings over a preset, which command
+line, preset files, goals and bags share: the names of :class:`bow_sim.model.Parameters`, ``x.*`` and ``y.*`` for the
+axes, ``block_cells``, and ``classifier.*`` for the thresholds of the verdicts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from bow_classifier.regime import Thresholds
+from bow_sim.kernel import source_hash
+from bow_sim.model import FLOATS, ParameterError, Parameters, parse_settings
+from bow_sim.spec import split
+
+MAX_CELLS = 1 << 22
+"""Cells of one sweep at most: 4 194 304, some 500 maps of the paper; beyond that a typing error is likelier."""
+
+MAX_BLOCK_CELLS = 1024
+"""Lanes of one kernel call at most: a chunk of a block is one message, and 3 MB are enough for one."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of the map: a parameter and the values it takes.
+
+    Attributes
+    ----------
+    name
+        A numeric field of :class:`bow_sim.model.Parameters`.
+    scale
+        "log" or "linear".
+    first, last
+        Both included, in the parameter's unit.
+    count
+        Number of values.
+    """
+
+    name: str
+    scale: str
+    first: float
+    last: float
+    count: int
+
+    def values(self) -> np.ndarray:
+        """Return the values along the axis, shape (count,), both ends exact."""
+        space = np.geomspace if self.scale == "log" else np.linspace
+        values = space(self.first, self.last, self.count)
+        values[0] = self.first
+        if self.count > 1:
+            values[-1] = self.last
+        return values
+
+    def check(self, key: str) -> None:
+        """Raise ParameterError, naming the key below `key`, where the axis makes no sense."""
+        if self.name not in FLOATS:
+            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {', '.join(sorted(FLOATS))}")
+        if self.scale not in ("log", "linear"):
+            raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
+        if not 1 <= self.count <= MAX_CELLS:
+            raise ParameterError(f"{key}.count = {self.count}: should be 1 ... {MAX_CELLS}")
+        for name in ("first", "last"):
+            value = getattr(self, name)
+            if not np.isfinite(value):
+                raise ParameterError(f"{key}.{name} = {value}: should be a finite number")
+            if self.scale == "log" and value <= 0:
+                raise ParameterError(f"{key}.{name} = {value}: should be above 0 on a logarithmic axis")
+        if self.count > 1 and self.first == self.last:
+            raise ParameterError(f"{key}.last = {self.last}: {self.count} values need it to differ from {key}.first")
+
+
+AXIS_FIELDS = frozenset(part.name for part in fields(Axis))
+
+X_AXIS = Axis("f_asym", "log", 0.5, 20.0, 128)
+Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
+"""The plane of the paper's Figs 10 and 11 (Appendix)."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A resolved sweep. Build it with :meth:`from_spec`; what cannot be computed is refused there."""
+
+    parameters: Parameters
+    x: Axis = X_AXIS
+    y: Axis = Y_AXIS
+    block_cells: int = 128
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    preset: str = ""
+
+    @classmethod
+    def from_spec(cls, preset: str = "", settings: Iterable[str] = ()) -> Sweep:
+        """Return the sweep that a preset and "name=value" settings over it describe.
+
+        Raises
+        ------
+        ParameterError
+            Naming the key, its value and what would be right.
+        """
+        merged = _flatten(load_preset(preset)) if preset else {}
+        spec = split({**merged, **parse_settings(settings)})
+        block_cells = cls.block_cells if spec.block_cells is None else _integer("block_cells", spec.block_cells)
+        if not 1 <= block_cells <= MAX_BLOCK_CELLS:
+            raise ParameterError(f"block_cells = {block_cells}: should be 1 ... {MAX_BLOCK_CELLS}")
+        x, y = _axis("x", X_AXIS, spec.x), _axis("y", Y_AXIS, spec.y)
+        if x.name == y.name:
+            raise ParameterError(f"y.name = {y.name!r}: both axes are this parameter; they should differ")
+        if x.count * y.count > MAX_CELLS:
+            raise ParameterError(f"x.count * y.count = {x.count * y.count} cells: should be at most {MAX_CELLS}")
+        thresholds = Thresholds.from_mapping(spec.classifier)
+        for axis, key in ((x, "x"), (y, "y")):
+            if axis.name in spec.plain:
+                value = spec.plain[axis.name]
+                right = f"it is the {key} axis of the map; set {key}.first, {key}.last and {key}.count"
+                raise ParameterError(f"{axis.name} = {value!r}: {right}")
+        parameters = spec.parameters()
+        for axis, key in ((x, "x"), (y, "y")):
+            for end in ("first", "last"):
+                try:
+                    parameters.replace(**{axis.name: getattr(axis, end)})
+                except ParameterError as error:
+                    raise ParameterError(f"{key}.{end}: {error}") from None
+        return cls(parameters, x, y, block_cells, thresholds, preset)
+
+    def settings(self) -> tuple[str, ...]:
+        """Return every setting as sorted "name=value" strings: :meth:`from_spec` gives the same sweep from them."""
+        own = {f"{key}.{part.name}": getattr(axis, part.name) for key, axis in self._axes for part in fields(Axis)}
+        own["block_cells"] = self.block_cells
+        swept = (self.x.name + "=", self.y.name + "=")
+        lines = [f"{key}={value}" for key, value in own.items()]
+        lines += [line for line in self.parameters.settings() if not line.startswith(swept)]
+        lines += [f"classifier.{line}" for line in self.thresholds.settings()]
+        return tuple(sorted(lines))
+
+    @property
+    def _axes(self) -> tuple[tuple[str, Axis], ...]:
+        return (("x", self.x), ("y", self.y))
+
+    @cached_property
+    def sweep_id(self) -> str:
+        """Hash of the sorted parameters (dtype among them) and the kernel's source, 16 hexadecimal digits.
+
+        The thresholds are not part of it: the same waveforms can be judged again.
+        """
+        physics = [line for line in self.settings() if not line.startswith("classifier.")]
+        return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
+
+    @property
+    def cells(self) -> int:
+        """Number of cells; the index of a cell is iy * nx + ix."""
+        return self.x.count * self.y.count
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks; the last may be smaller."""
+        return -(-self.cells // self.block_cells)
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks, and so of tests, of every block."""
+        return self.parameters.chunks
+
+    def block(self, block: int) -> np.ndarray:
+        """Return the cells of a block, shape (cells of the block,), uint32.
+
+        Raises
+        ------
+        IndexError
+            Where the sweep has no such block.
+        """
+        if not 0 <= block < self.blocks:
+            raise IndexError(f"block {block}: the sweep has blocks 0 ... {self.blocks - 1}")
+        start = block * self.block_cells
+        return np.arange(start, min(start + self.block_cells, self.cells), dtype=np.uint32)
+
+    def lanes(self, cells: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values of the two swept parameters at `cells`: {x.name: (cells,), y.name: (cells,)}."""
+        iy, ix = np.divmod(cells.astype(np.int64), self.x.count)
+        return {self.x.name: self.x.values()[ix], self.y.name: self.y.values()[iy]}
+
+    def judged_by(self, thresholds: Thresholds) -> Sweep:
+        """Return the same sweep with other thresholds."""
+        return replace(self, thresholds=thresholds)
+
+
+def _integer(key: str, value: Any) -> int:
+    try:
+        number = int(str(value))
+    except ValueError:
+        raise ParameterError(f"{key} = {value!r}: should be a whole number") from None
+    return number
+
+
+def _axis(key: str, default: Axis, given: Mapping[str, Any]) -> Axis:
+    unknown = set(given) - AXIS_FIELDS
+    if unknown:
+        known = ", ".join(f"{key}.{name}" for name in sorted(AXIS_FIELDS))
+        raise ParameterError(f"{key}.{min(unknown)}: no such setting; the axis has {known}")
+    values = {name: given.get(name, getattr(default, name)) for name in AXIS_FIELDS}
+    values["count"] = _integer(f"{key}.count", values["count"])
+    for name in ("first", "last"):
+        try:
+            values[name] = float(values[name])
+        except (TypeError, ValueError):
+            raise ParameterError(f"{key}.{name} = {values[name]!r}: should be a number") from None
+    axis = Axis(**values)
+    axis.check(key)
+    return axis
+
+
+def _flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in mapping.items():
+        if isinstance(value, Mapping):
+            flat.update(_flatten(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def preset_directory() -> Path:
+    """Return where the presets are: config/ of the source tree, or share/bow/config of the prefix we live in.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where neither is above this module.
+    """
+    for above in Path(__file__).resolve().parents:
+        for candidate in (above / "config", above / "share" / "bow" / "config"):
+            if (candidate / "presets").is_dir():
+                return candidate
+    raise FileNotFoundError(f"no config/presets or share/bow/config/presets in any folder above {__file__}")
+
+
+def presets() -> dict[str, str]:
+    """Return {name: title} of the presets there are, sorted."""
+    return {
+        path.stem: str(yaml.safe_load(path.read_text()).get("title", ""))
+        for path in sorted((preset_directory() / "presets").glob("*.yaml"))
+    }
+
+
+def load_preset(name: str) -> dict[str, Any]:
+    """Return the settings of a named preset, without its title.
+
+    Raises
+    ------
+    ParameterError
+        Where there is no such preset or its file is not a mapping.
+    """
+    known = presets()
+    if name not in known:  # a name from a list, never a path: it may come over the network
+        raise ParameterError(f"preset {name!r}: no such preset; one of {', '.join(known)}")
+    content = yaml.safe_load((preset_directory() / "presets" / f"{name}.yaml").read_text())
+    if not isinstance(content, dict):
+        raise ParameterError(f"preset {name!r}: its file should hold names and values")
+    return {key: value for key, value in content.items() if key != "title"}

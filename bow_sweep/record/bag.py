@@ -1,0 +1,168 @@
+"""A bag: a directory in rosbag2's format, its MCAP files continued in the next one after every interruption.
+
+``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ... Every message carries a number that counts through all
+files, in MCAP's `sequence` field: a message that is taken out leaves a gap.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from .mcapfile import McapWriter
+from .metadata import FileInfo, records, render
+from .records import Message
+from .scan import Scan
+from .topics import Topic, short_name
+
+METADATA = "metadata.yaml"
+FOLDER = "bag"
+"""Name of the bag in a run directory."""
+
+
+class BagError(Exception):
+    """A bag that cannot be read as it should be; says which file and where."""
+
+
+class BagMessage(NamedTuple):
+    """A message of a bag; `data` is a view of CDR bytes, `topic` a key of :data:`.topics.TOPICS` or ""."""
+
+    topic: str
+    file: Path
+    sequence: int
+    log_time: int
+    data: memoryview
+    offset: int
+
+
+def bag_of(run_directory: Path) -> Path:
+    """Return the bag of a run directory; a bag itself will do.
+
+    Raises
+    ------
+    BagError
+        Where there is none.
+    """
+    run_directory = Path(run_directory)
+    for directory in (run_directory / FOLDER, run_directory):
+        if bag_files(directory):
+            return directory
+    what = "holds no bag" if run_directory.is_dir() else "is no directory"
+    raise BagError(f"{run_directory}: {what}; a run directory has {FOLDER}/{FOLDER}_0.mcap")
+
+
+def bag_files(directory: Path) -> list[Path]:
+    """Return the MCAP files of a bag in the order they were written."""
+    return sorted(directory.glob("*.mcap"), key=lambda path: (_number(path.name), path.name))
+
+
+def _number(name: str) -> int:
+    match = re.fullmatch(r".*_(\d+)\.mcap", name)
+    return int(match[1]) if match else 0
+
+
+def write_aside(path: Path, text: str) -> None:
+    """Replace a text file: a reader sees the old one or the new one, whatever dies meanwhile."""
+    aside = path.with_name(f".{path.name}.part")
+    try:
+        with open(aside, "w") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(aside, path)
+    except OSError:
+        aside.unlink(missing_ok=True)
+        raise
+
+
+def write_metadata(directory: Path, files: Sequence[FileInfo]) -> None:
+    """Write metadata.yaml for the files of a bag."""
+    write_aside(directory / METADATA, render(files))
+
+
+def label(channel_topic: str, message: Message, path: Path) -> BagMessage:
+    """Return a message of a file as one of the bag."""
+    return BagMessage(short_name(channel_topic), path, message.sequence, message.log_time, message.data, message.offset)
+
+
+def messages(directory: Path) -> Iterator[BagMessage]:
+    """Yield every message of a bag in the order it was written, all checksums of the files checked.
+
+    Raises
+    ------
+    BagError
+        At the end of a file that is damaged or torn.
+    """
+    for path in bag_files(directory):
+        scan = Scan(path)
+        for message in scan.messages():
+            yield label(scan.contents.channels[message.channel].topic, message, path)
+        if scan.damage:
+            where = scan.damage[0]
+            raise BagError(f"{path}, bytes {where.start} to {where.end}: {where.what}")
+        if not scan.finished:
+            raise BagError(f"{path}: cut off at byte {scan.good_end}; `bow recover` repairs it")
+
+
+class BagWriter:
+    """Writes the next file of a bag.
+
+    Parameters
+    ----------
+    directory
+        Of the bag; made if need be.
+    topics
+        Full name -> topic: all that will be written.
+    before
+        The files that are there, in order.
+    sequence
+        Number of the last message in them; 0 for none.
+    """
+
+    def __init__(
+        self, directory: Path, topics: Mapping[str, Topic], before: Sequence[FileInfo] = (), sequence: int = 0
+    ) -> None:
+        directory.mkdir(parents=True, exist_ok=True)
+        self.directory = directory
+        self._before = list(before)
+        self._sequence = sequence
+        self._time = max((file.end for file in before), default=0)
+        schemas, channels = records(topics)
+        self._channels = {channel.topic: channel.id for channel in channels}
+        number = max((_number(file.name) + 1 for file in before), default=0)
+        self.path = directory / f"{directory.resolve().name}_{number}.mcap"
+        self._file = McapWriter(self.path, schemas, channels)
+        write_metadata(directory, self._files())
+
+    def _files(self) -> list[FileInfo]:
+        return [*self._before, FileInfo.of(self.path.name, self._file.contents)]
+
+    @property
+    def pending(self) -> int:
+        """Bytes added and not yet committed."""
+        return self._file.pending
+
+    def add(self, topic: str, data: bytes | memoryview, log_time: int) -> None:
+        """Add a message, by the full name of its topic, taken in at `log_time` (nanoseconds since 1970; never goes back).
+
+        The time of publishing is not known: rclpy 7.1.6's EventsExecutor crashes where a callback asks for it.
+        """
+        self._sequence += 1
+        self._time = max(self._time, log_time)
+        self._file.add(self._channels[topic], self._sequence, self._time, self._time, data)
+
+    def commit(self) -> None:
+        """Write what is pending, as one chunk with its index; see :meth:`.mcapfile.McapWriter.commit`."""
+        self._file.commit()
+
+    def finish(self) -> None:
+        """Commit, end the file with its summary, see it on disk, write metadata.yaml."""
+        self._file.finish()
+        write_metadata(self.directory, self._files())
+
+    def abandon(self) -> None:
+        """Close the file as it is; :func:`.recover.recover` finishes it."""
+        self._file.abandon()

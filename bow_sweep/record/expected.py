@@ -1,0 +1,167 @@
+"""What the messages of one run have to look like: from its plan, without the kernel or the classifier at hand."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bow_sim import wire
+from bow_sim.model import ParameterError
+from bow_sim.spec import split
+
+OPEN, CLOSED = 1, 2
+"""Plan.state."""
+
+DONE, QUARANTINED = 1, 2
+"""Values of Plan.block_states; 0 is outstanding."""
+
+MAX_CELLS = 1 << 22
+MAX_BLOCK_CELLS = 1024
+"""As in :mod:`bow_sweep.plan`, which would bring the compiler along."""
+
+_IDENTIFIER = re.compile("[0-9a-f]{16}")
+_U32 = struct.Struct("<I")
+
+
+class Head(NamedTuple):
+    """The first fields of a sealed message."""
+
+    run_id: str
+    sweep_id: str
+    block: int
+    chunk: int
+    attempt: int
+    checksum: int
+
+
+def read_head(data: bytes | memoryview) -> Head:
+    """Return the identity and the checksum of a stream message or verdicts; the rest is not looked at.
+
+    Raises
+    ------
+    WireError
+        Where the bytes end too early.
+    """
+    try:
+        run_id, at = _string(data, 4)
+        sweep_id, at = _string(data, at)
+        block, chunk, attempt = struct.unpack_from("<III", data, at)
+        _, at = _string(data, at + 12)
+        at += -(at - 4) % 8
+        (checksum,) = struct.unpack_from("<Q", data, at)
+    except (struct.error, UnicodeDecodeError) as error:
+        raise wire.WireError(f"a message of {len(data)} bytes has no identity: {error}") from None
+    return Head(run_id, sweep_id, block, chunk, attempt, checksum)
+
+
+def _string(data: bytes | memoryview, at: int) -> tuple[str, int]:
+    """Return the CDR string at `at` and where the next four-byte field begins."""
+    (length,) = _U32.unpack_from(data, at)
+    end = at + 4 + length
+    if length < 1 or end > len(data):
+        raise struct.error(f"a string of {length} bytes at byte {at}")
+    return bytes(data[at + 4 : end - 1]).decode(), end + -end % 4
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The outline of a run.
+
+    Attributes
+    ----------
+    run_id, sweep_id
+        16 hexadecimal digits each.
+    classifier
+        Hash of the classifier's parameters: other verdicts are not this run's.
+    cells, block_cells
+        Of the sweep, and of every block but the last.
+    chunks, chunk_samples
+        Chunks of every block, and samples of every chunk.
+    """
+
+    run_id: str
+    sweep_id: str
+    classifier: str
+    cells: int
+    block_cells: int
+    chunks: int
+    chunk_samples: int
+
+    @classmethod
+    def of(cls, plan: Mapping[str, Any]) -> Expected:
+        """Return the outline of the run that a decoded Plan describes.
+
+        Raises
+        ------
+        ParameterError
+            Where the plan is not one that can be run; the identifiers are checked because they name directories.
+        """
+        for name in ("run_id", "sweep_id"):
+            if not _IDENTIFIER.fullmatch(plan[name]):
+                raise ParameterError(f"{name} = {plan[name]!r}: should be 16 hexadecimal digits")
+        spec = split(plan["spec.settings"])
+        parameters = spec.parameters()
+        counts = [spec.number("x", "count"), spec.number("y", "count")]
+        block_cells = spec.number("", "block_cells")
+        if min(counts) < 1 or counts[0] * counts[1] > MAX_CELLS:
+            raise ParameterError(f"x.count, y.count = {counts}: should be 1 ... {MAX_CELLS} cells")
+        if not 1 <= block_cells <= MAX_BLOCK_CELLS:
+            raise ParameterError(f"block_cells = {block_cells}: should be 1 ... {MAX_BLOCK_CELLS}")
+        return cls(
+            run_id=plan["run_id"],
+            sweep_id=plan["sweep_id"],
+            classifier=plan["classifier"],
+            cells=counts[0] * counts[1],
+            block_cells=block_cells,
+            chunks=parameters.chunks,
+            chunk_samples=parameters.chunk_samples,
+        )
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return -(-self.cells // self.block_cells)
+
+    def block(self, block: int) -> np.ndarray:
+        """Return the cells of a block, (cells of the block,) uint32."""
+        start = block * self.block_cells
+        return np.arange(start, min(start + self.block_cells, self.cells), dtype=np.uint32)
+
+    def check_head(self, head: Head) -> None:
+        """Raise WireError where a message is not of this run or of no chunk in it."""
+        if (head.run_id, head.sweep_id) != (self.run_id, self.sweep_id):
+            raise wire.WireError(
+                f"run {head.run_id!r}, sweep {head.sweep_id!r}: this is run {self.run_id}, sweep {self.sweep_id}"
+            )
+        if head.block >= self.blocks or head.chunk >= self.chunks:
+            raise wire.WireError(
+                f"block {head.block}, chunk {head.chunk}: there are {self.blocks} blocks of {self.chunks} chunks"
+            )
+
+    def check(self, name: str, data: bytes | memoryview) -> dict[str, Any]:
+        """Return the fields of a stream message or verdicts, everything about it checked.
+
+        Raises
+        ------
+        WireError
+            Saying what does not fit the plan or itself.
+        """
+        values = wire.unseal(name, data)
+        block, chunk = values["block"], values["chunk"]
+        self.check_head(Head(values["run_id"], values["sweep_id"], block, chunk, values["attempt"], 0))
+        if not np.array_equal(values["cells"], self.block(block)):
+            raise wire.WireError(f"{name}.cells: not the {len(self.block(block))} cells of block {block}")
+        if name == "Verdicts":
+            if values["classifier"] != self.classifier:
+                raise wire.WireError(f"Verdicts.classifier = {values['classifier']!r}: should be {self.classifier!r}")
+            return values
+        right = {"samples": self.chunk_samples, "first_sample": chunk * self.chunk_samples}
+        for field, value in right.items():
+            if values[field] != value:
+                raise wire.WireError(f"{name}.{field} = {values[field]}: should be {value} in chunk {chunk}")
+        return values

@@ -1,0 +1,248 @@
+"""The recorder node: subscribes to everything on the graph of a run, writes it to a bag, and gives receipts.
+
+A latched `plan` opens the bag of a run and closes it. Streams and verdicts are stored once by identity and answered
+every time; a receipt goes out after its bytes are in the file. After a restart the bag goes on in its next file.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from bow_msgs.msg import Health, Receipt
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+
+from bow_sim import wire
+from bow_sim.ros import STREAM, BowNode, live, publish_surely
+
+from .bag import FOLDER, BagError
+from .expected import CLOSED, OPEN, Expected
+from .recover import LockedError
+from .session import COMMIT_S, AlreadyClosedError, Session, log_name
+from .topics import TOPICS, Qos, Topic
+
+HELP = """
+usage: ros2 run bow recorder [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
+
+Records everything on the graph of its namespace (default /bow): when the latched topic `plan` opens a run, into the
+rosbag2 directory <runs_dir>/<run_id>/bag, or <run_dir>/bag; when it closes it, the bag is finished.
+Answers on `receipts` for every chunk and verdict that is in the file.
+"""
+
+DEPTH = 1000
+"""Messages kept for us on topics that are not KEEP_ALL."""
+
+COMPLAINTS = 20
+"""Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
+
+
+def subscription_qos(qos: Qos) -> QoSProfile:
+    """Return what to ask for on a topic offered with `qos`: what it gives, and room for it."""
+    if qos.history == "keep_all":
+        return STREAM
+    return QoSProfile(
+        depth=DEPTH,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy.RELIABLE if qos.reliability == "reliable" else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL
+        if qos.durability == "transient_local"
+        else DurabilityPolicy.VOLATILE,
+    )
+
+
+class RecorderNode(BowNode):
+    """Records one run after the other."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        texts = {
+            "runs_dir": ("runs", "directory of the run directories, each named by its run_id"),
+            "run_dir": ("", "exact run directory, instead of one below runs_dir"),
+        }
+        runs_dir, run_dir = (
+            self.declare_parameter(name, default, ParameterDescriptor(description=what)).value
+            for name, (default, what) in texts.items()
+        )
+        self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
+        self._session: Session | None = None
+        self._waiting: tuple[dict[str, Any], bytes] | None = None
+        self._over: tuple[str, int] = ("", 0)
+        self._complained = 0
+        self._leaving = False
+        self._names = {name: self.resolve_topic_name(name) for name in TOPICS}
+        self._loggers = self.get_namespace().strip("/").replace("/", ".")
+        self._receipts = self.create_publisher(Receipt, "receipts", STREAM)
+        for topic in TOPICS.values():
+            if topic.name == "receipts":
+                continue  # our own: written as they are made
+            kind = _class_of(topic)
+            taker = self._on_plan if topic.name == "plan" else self._taker(topic, kind)
+            self.create_subscription(kind, topic.name, taker, subscription_qos(topic.qos), raw=True)
+        self.create_timer(COMMIT_S, self._tick)
+        self.become(Health.READY, "waits for a plan")
+
+    def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
+        checked = topic.name in ("health", "basin_map/image", "diagnostics", "/rosout")
+
+        def take(data: bytes) -> None:
+            session = self._session
+            if session is None:
+                return
+            if checked and not self._readable(topic, kind, data):
+                return
+            session.take(topic.name, data, time.time_ns())
+            if session.full:
+                self._commit(session)
+
+        return take
+
+    def _readable(self, topic: Topic, kind: type, data: bytes) -> bool:
+        """Whether a message that has no identity may enter the bag: it is one, and of our namespace."""
+        if topic.name == "/rosout" and not log_name(data).startswith(self._loggers):
+            return False
+        try:
+            deserialize_message(data, kind)
+        except Exception:  # rclpy raises what the type support likes
+            self.health.ignored += 1
+            return False
+        return True
+
+    # ---- the plan opens and closes the bag
+
+    def _on_plan(self, data: bytes) -> None:
+        try:
+            plan = wire.decode("Plan", data)
+        except wire.WireError as error:
+            self._complain(f"plan: {error}")
+            return
+        session = self._session
+        if session is not None:
+            if (plan["run_id"], plan["sweep_id"]) == (session.expected.run_id, session.expected.sweep_id):
+                session.plan(plan, data, time.time_ns())
+                return
+            if plan["state"] != OPEN:
+                return
+            self._finish(f"run {plan['run_id']} opens")
+        if plan["state"] in (OPEN, CLOSED) and (plan["run_id"], plan["epoch"]) != self._over:
+            self._waiting = (plan, data)
+            self._open()
+
+    def _open(self) -> None:
+        assert self._waiting is not None
+        plan, data = self._waiting
+        self._waiting = None
+        run = str(plan["run_id"])
+        try:
+            Expected.of(plan)  # before its run_id names a directory
+            directory = self._run_dir or self._runs_dir / run
+            if plan["state"] == CLOSED and not (directory / FOLDER).is_dir():
+                return  # over before we came
+            self._session = Session(directory, plan, data, self._names, self.incarnation, time.time_ns())
+        except LockedError as error:
+            self._waiting = (plan, data)
+            self.become(Health.STARTING, str(error), run)
+        except AlreadyClosedError as error:
+            self.become(Health.CLOSED, str(error), run)
+        except (BagError, OSError, ValueError, LookupError) as error:
+            self.get_logger().error(f"run {run} cannot be recorded: {error}")
+            self.become(Health.FAILED, f"cannot record: {error}", run)
+        else:
+            self._complained = 0
+            for file in self._session.report["files"]:
+                if file["was"] == "torn":
+                    self.get_logger().warning(
+                        f"{file['file']} was cut off: {file['messages']} messages kept, "
+                        f"{file['dropped_bytes']} bytes after the last complete chunk dropped"
+                    )
+            self.become(Health.BUSY, f"records to {self._session.bag.path}", run)
+
+    # ---- time
+
+    def _tick(self) -> None:
+        if self._waiting is not None and self._session is None:
+            self._open()
+        session = self._session
+        if session is None:
+            return
+        if session.closed:
+            self._finish("the plan is closed")
+        else:
+            self._commit(session)
+
+    def beat(self) -> None:
+        """Publish the state of this node now, with the counts of the open bag."""
+        session = getattr(self, "_session", None)
+        if session is not None:
+            self._count(session)
+        super().beat()
+
+    def _count(self, session: Session) -> None:
+        self.health.messages, self.health.bytes = session.messages, session.bytes
+        self.health.duplicates, self.health.ignored = session.inventory.duplicates, session.ignored
+
+    def _commit(self, session: Session) -> None:
+        try:
+            message = session.commit(time.time_ns())
+        except OSError as error:
+            self._fail(session, error)
+            return
+        if message is not None:
+            publish_surely(self, self._receipts, message, lambda: self._leaving)
+        for complaint in list(session.complaints):
+            self._complain(complaint)
+        session.complaints.clear()
+
+    def _complain(self, complaint: str) -> None:
+        self._complained += 1
+        if self._complained <= COMPLAINTS:
+            self.get_logger().warning(f"ignored: {complaint}")
+
+    def _finish(self, why: str) -> None:
+        """Close the bag properly."""
+        session, self._session = self._session, None
+        if session is None:
+            return
+        run = session.expected.run_id
+        self._over = (run, int(session.last_plan["epoch"])) if session.closed else ("", 0)
+        try:
+            message = session.close(time.time_ns())
+        except OSError as error:
+            self._fail(session, error)
+            return
+        if message is not None:
+            publish_surely(self, self._receipts, message, lambda: self._leaving)
+        self._count(session)
+        self.become(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
+
+    def _fail(self, session: Session, error: OSError) -> None:
+        """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
+        self._session = None
+        session.abandon()
+        what = f"{session.bag.path}: {error.strerror or error}; nothing more is recorded; make room and resume"
+        self.get_logger().error(what)
+        self.become(Health.FAILED, what, session.expected.run_id)
+
+    def close(self) -> None:
+        """Finish the bag; what is still under way is not answered and so will be sent again."""
+        self._leaving = True
+        self._finish("the recorder was told to stop")
+
+
+def _class_of(topic: Topic) -> type:
+    package, _, name = topic.type.split("/")
+    kind: type = getattr(import_module(f"{package}.msg"), name)
+    return kind
+
+
+def main() -> int:
+    """Entry point of ``ros2 run bow recorder``."""
+    return live(RecorderNode, description=HELP)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

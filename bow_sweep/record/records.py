@@ -1,0 +1,111 @@
+"""Records of an MCAP file taken apart: chunks and what is in them, with every length checked before it is believed."""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+import zlib
+from typing import NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+from mcap.stream_reader import get_chunk_data_stream
+
+from .mcapfile import CHUNK_HEAD, MESSAGE_FIXED, MESSAGE_HEAD
+
+MAX_CHUNK = 1 << 30
+"""Bytes of a chunk unpacked at most: a compressed chunk may claim anything."""
+
+PARSE_ERRORS = (struct.error, McapError, UnicodeDecodeError, KeyError, ValueError, MemoryError)
+"""What bytes that are not what they should be raise, here and in mcap's readers."""
+
+_CHUNK_START = re.compile(rb"\x06.{5}\x00\x00\x00", re.DOTALL)
+
+
+class Damage(NamedTuple):
+    """Bytes of a file that are not what was written."""
+
+    start: int
+    end: int
+    what: str
+
+
+class Message(NamedTuple):
+    """A message of a file; `data` is a view that lives as long as it is held."""
+
+    channel: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: memoryview
+    offset: int
+    """Of `data` in the file; -1 in a compressed chunk."""
+
+
+def unpack_message(record: bytes | memoryview, start: int, end: int, offset: int) -> Message:
+    """Return the message whose record is at `start` to `end`; `offset` is where its data are in the file."""
+    _, _, channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(record, start)
+    data = memoryview(record)[start + MESSAGE_HEAD.size : end]
+    return Message(channel, sequence, log_time, publish_time, data, offset)
+
+
+def unpack_chunk(record: bytes) -> tuple[Chunk, memoryview, list[tuple[int, int, int]]]:
+    """Return a chunk record, its unpacked payload, and (opcode, start, end) of the records in there.
+
+    Raises
+    ------
+    ValueError
+        Where a length or the CRC does not hold; other `PARSE_ERRORS` where bytes make no sense.
+    """
+    _, length, first, last, size, crc, name_length = struct.unpack_from("<BQQQQII", record)
+    at = CHUNK_HEAD.size - 8 + name_length
+    compression = bytes(record[at - name_length : at]).decode()
+    (packed,) = struct.unpack_from("<Q", record, at)
+    data = memoryview(record)[at + 8 :]
+    if packed != len(data) or (not compression and packed != size) or size > MAX_CHUNK:
+        raise ValueError(f"a chunk of {size} bytes, {packed} packed, in {len(data)} bytes")
+    chunk = Chunk(
+        compression=compression,
+        data=data,  # type: ignore[arg-type]  # a view will do
+        message_end_time=last,
+        message_start_time=first,
+        uncompressed_crc=crc,
+        uncompressed_size=size,
+    )
+    payload = data
+    if compression:
+        stream, unpacked = get_chunk_data_stream(chunk)
+        payload = memoryview(stream.read(unpacked))
+    actual = zlib.crc32(payload)
+    if actual != crc and (crc or not compression):
+        raise ValueError(f"the chunk has CRC {actual:08x}, should have {crc:08x}")
+    inner, position = [], 0
+    while position < len(payload):
+        opcode, length = struct.unpack_from("<BQ", payload, position)
+        end = position + 9 + length
+        if end > len(payload) or (opcode == Opcode.MESSAGE and length < MESSAGE_FIXED):
+            raise ValueError(f"a record of {length} bytes at byte {position} of a chunk of {len(payload)}")
+        inner.append((opcode, position, end))
+        position = end
+    return chunk, payload, inner
+
+
+def find_chunk(fd: int, at: int) -> int | None:
+    """Return where the first chunk at or after `at` begins whose lengths and CRC hold, if any."""
+    with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as view:
+        for match in _CHUNK_START.finditer(view, at):
+            start = match.start()
+            if start + CHUNK_HEAD.size > len(view):
+                return None
+            _, length, first, last, size, _, name_length, packed = CHUNK_HEAD.unpack_from(view, start)
+            plain = name_length == 0 and size == packed == length - CHUNK_HEAD.size + 9
+            if not (plain or name_length in (3, 4)) or first > last or length > len(view) - start - 9:
+                continue
+            try:
+                unpack_chunk(view[start : start + 9 + length])
+            except PARSE_ERRORS:
+                continue
+            return start
+    return None

@@ -1,0 +1,232 @@
+"""One run being recorded: what may enter the bag, what is answered, and when. No ROS: bytes in, receipts out.
+
+A receipt is written into the same chunk of the file as what it confirms, before it is published: either both are in the
+bag or neither is.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from bow_sim import wire
+
+from .bag import FOLDER, BagError, BagMessage, BagWriter
+from .expected import CLOSED, Expected, read_head
+from .inventory import Answer, Inventory
+from .recover import locked, repair
+from .topics import STORED_ONCE, TOPICS, Topic
+
+COMMIT_BYTES = 1 << 20
+"""Bytes after which a chunk of the file is written."""
+
+COMMIT_S = 0.05
+"""Seconds after which what has come is written, however little it is."""
+
+TABLES = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
+
+
+class AlreadyClosedError(BagError):
+    """Nothing is to be done: the bag ends with this very plan."""
+
+
+class Session:
+    """The bag of one run, open for writing.
+
+    Parameters
+    ----------
+    directory
+        Run directory; made if need be, locked as long as the session lasts.
+    plan, data
+        The Plan that opens it, decoded and as bytes.
+    names
+        Key of `TOPICS` -> full name of the topic on the graph.
+    incarnation
+        Of the recorder.
+    now
+        Nanoseconds since 1970.
+
+    Raises
+    ------
+    ParameterError
+        Where the plan is not one that can be run.
+    BagError
+        Where the directory is another run's, is damaged, another recorder writes it (LockedError), or the plan closes
+        what was closed before (AlreadyClosedError).
+    OSError
+        Where it cannot be written.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        plan: Mapping[str, Any],
+        data: bytes,
+        names: Mapping[str, str],
+        incarnation: str,
+        now: int,
+    ) -> None:
+        self.directory = directory
+        self.expected = Expected.of(plan)
+        self.inventory = Inventory()
+        self.names = dict(names)
+        self.incarnation = incarnation
+        self.messages = self.bytes = self.ignored = 0
+        self.complaints: Counter[str] = Counter()
+        self.last_plan: dict[str, Any] = {}
+        self._answers: list[Answer] = []
+        self._sequence = 0
+        with ExitStack() as stack:
+            directory.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(directory))
+            report, files = repair(directory / FOLDER, self._visit)
+            if not report["ok"]:
+                file = next(file for file in report["files"] if file["damage"])
+                start, end, what = file["damage"][0].values()
+                raise BagError(f"{directory / FOLDER / file['file']}: damaged, bytes {start} to {end}: {what}")
+            if self.closed and (plan["state"], plan["epoch"]) == (CLOSED, self.last_plan["epoch"]):
+                raise AlreadyClosedError(f"{directory / FOLDER} is closed")
+            self.inventory.duplicates = 0
+            self.report = report
+            topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
+            self.bag = BagWriter(directory / FOLDER, topics, files, self._sequence)
+            stack.callback(self.bag.abandon)
+            self.plan(plan, data, now)
+            self._stack = stack.pop_all()
+
+    def _visit(self, message: BagMessage) -> None:
+        """Take a message that is in the bag already into the inventory."""
+        self._sequence = message.sequence
+        if message.topic in STORED_ONCE:
+            head = read_head(message.data)
+            self.inventory.take(message.topic, head.block, head.chunk, head.attempt, head.checksum)
+        elif message.topic == "plan":
+            plan = wire.decode("Plan", message.data)
+            if (plan["run_id"], plan["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
+                raise BagError(
+                    f"{message.file.parent}: holds run {plan['run_id']}, sweep {plan['sweep_id']}; this is run "
+                    f"{self.expected.run_id}, sweep {self.expected.sweep_id}: it needs a directory of its own"
+                )
+            self.last_plan = plan
+
+    @property
+    def closed(self) -> bool:
+        """Whether the latest plan says that nothing more will come."""
+        return bool(self.last_plan.get("state") == CLOSED)
+
+    @property
+    def full(self) -> bool:
+        """Whether enough has come to write it at once."""
+        return self.bag.pending >= COMMIT_BYTES
+
+    # ---- what comes in
+
+    def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
+        """Take in a plan of this run; a closing one is kept back, to be the last message of the bag."""
+        self.last_plan = dict(plan)
+        if self.closed:
+            self._closing = data
+        else:
+            self._add("plan", data, now)
+
+    def take(self, topic: str, data: bytes, now: int) -> None:
+        """Take in a message, by the key of its topic in `TOPICS`; `now` in nanoseconds since 1970."""
+        try:
+            if topic in TABLES:
+                if not self._once(topic, data):
+                    return
+            elif topic in ("inspect", "basin_map"):
+                self._check_run(topic, data)
+        except wire.WireError as error:
+            self.ignored += 1
+            self.complaints[f"{topic}: {error}"] += 1
+            return
+        self._add(topic, data, now)
+
+    def _add(self, topic: str, data: bytes, now: int) -> None:
+        self.messages += 1
+        self.bytes += len(data)
+        self.bag.add(self.names[topic], data, now)
+
+    def _once(self, topic: str, data: bytes) -> bool:
+        """Check and answer a message that is stored once; return whether it is to be stored."""
+        head = read_head(data)
+        self.expected.check_head(head)
+        known = self.inventory.checksum(topic, head.block, head.chunk)
+        if known is None:
+            self.expected.check(TABLES[topic], data)
+        elif known != head.checksum:
+            self.complaints[
+                f"{topic}: block {head.block}, chunk {head.chunk}, attempt {head.attempt} has checksum "
+                f"{head.checksum:016x}, stored is {known:016x}"
+            ] += 1
+        new, answer = self.inventory.take(topic, head.block, head.chunk, head.attempt, head.checksum)
+        if answer is not None:
+            self._answers.append(answer)
+        return new
+
+    def _check_run(self, topic: str, data: bytes) -> None:
+        values = wire.unseal("BridgeForce", data) if topic == "inspect" else wire.decode("BasinMap", data)
+        if (values["run_id"], values["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
+            raise wire.WireError(f"run {values['run_id']!r}: this is run {self.expected.run_id}")
+
+    # ---- what goes out
+
+    def commit(self, now: int) -> bytes | None:
+        """Write what has come to the file; return the receipt to publish, if any.
+
+        Raises
+        ------
+        OSError
+            Where the disk does not take it; the session is over then, the bag holds what was committed before.
+        """
+        message = None
+        if self._answers:
+            columns = dict(zip(Answer._fields, zip(*self._answers, strict=True), strict=True))
+            message = wire.encode(
+                "Receipt",
+                {
+                    "run_id": self.expected.run_id,
+                    "sweep_id": self.expected.sweep_id,
+                    "incarnation": self.incarnation,
+                    **columns,
+                },
+            )
+            self._answers = []
+            self._add("receipts", message, now)
+        self.bag.commit()
+        return message
+
+    def close(self, now: int) -> bytes | None:
+        """Commit, finish the file, give up the lock; return the last receipt.
+
+        Raises
+        ------
+        OSError
+            As :meth:`commit`.
+        """
+        try:
+            message = self.commit(now)
+            if self.closed:
+                self._add("plan", self._closing, now)
+            self.bag.finish()
+        finally:
+            self.abandon()
+        return message
+
+    def abandon(self) -> None:
+        """Close the file as it is and give up the lock."""
+        self._stack.close()
+
+
+def log_name(data: bytes) -> str:
+    """Return the logger's name of an rcl_interfaces/msg/Log, "" where there is none to read."""
+    try:
+        (length,) = struct.unpack_from("<I", data, 16)  # after encapsulation, stamp and level
+        return bytes(data[20 : 19 + length]).decode()
+    except (struct.error, UnicodeDecodeError):
+        return ""

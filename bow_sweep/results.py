@@ -1,0 +1,42 @@
+"""What a finished run leaves beside its bag, and the map of a run that goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .basin import Basin
+from .ledger import Ledger, State
+from .plan import Sweep
+from .view.maps import MapFile, draw_map, write_map_npz
+
+MAP, PICTURE = "map.npz", "map.png"
+
+
+def not_computed(sweep: Sweep, ledger: Ledger) -> np.ndarray:
+    """Return which cells are not done, shape (ny * nx,): a map shows them grey, whatever is known of them."""
+    mask = np.ones(sweep.cells, bool)
+    for number, block in enumerate(ledger.blocks):
+        if block.state is State.DONE:
+            mask[sweep.block(number)] = False
+    return mask
+
+
+def write_results(directory: Path, run_id: str, sweep: Sweep, basin: Basin, ledger: Ledger) -> None:
+    """Write map.npz and map.png into a run directory."""
+    result = MapFile.of(sweep, basin, run_id, not_computed(sweep, ledger))
+    write_map_npz(directory / MAP, result)
+    draw_map(result, directory / PICTURE)
+
+
+def load_basin(directory: Path, sweep: Sweep) -> Basin:
+    """Return the map that the verdicts in a run's bag give, for a run that goes on."""
+    from .record.replay import load_verdicts
+
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    layers = load_verdicts(directory)
+    for test in range(sweep.chunks):
+        cells = np.flatnonzero(layers["tested"][test])
+        basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})
+    return basin

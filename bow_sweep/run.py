@@ -1,0 +1,241 @@
+"""A run directory: its lock, its ledger file, its report. Everything lands whole or not at all."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.metadata
+import json
+import os
+import platform
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bow_classifier.regime import REGIMES
+from bow_sim.kernel import fingerprint
+from bow_sim.model import ParameterError
+
+from .basin import Basin
+from .ledger import Ledger, State
+from .plan import Sweep
+
+LEDGER = "ledger.jsonl"
+REPORT = "report.json"
+VERSIONS_OF = (
+    "bow",
+    "numpy",
+    "numba",
+    "llvmlite",
+    "mcap",
+    "rerun-sdk",
+    "ros-jazzy-rclpy",
+    "ros-jazzy-rmw-fastrtps-cpp",
+)
+
+
+class RunError(Exception):
+    """A run directory cannot be used as asked; the message says which, why, and what would be right."""
+
+
+def write_aside(path: Path, text: str) -> None:
+    """Write a text file so that readers see the old one or the new one, never half of it."""
+    aside = path.with_name(f".{path.name}.part")
+    with open(aside, "w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(aside, path)
+
+
+def lock(directory: Path, role: str) -> int:
+    """Hold the lock of a role on a run directory until this process ends; return its file descriptor.
+
+    Raises
+    ------
+    RunError
+        Where another process holds it.
+    """
+    path = directory / f".{role}.lock"
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise RunError(f"{directory}: another {role} is at work on this run ({path.name} is locked)") from None
+    return descriptor
+
+
+def read_ledger(directory: Path) -> list[dict[str, Any]]:
+    """Return the entries of a run's ledger; a last line cut off by a crash is no entry.
+
+    Raises
+    ------
+    RunError
+        Where there is no ledger, or a line before the last is damaged.
+    """
+    path = directory / LEDGER
+    try:
+        lines = path.read_bytes().split(b"\n")
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror}; a run directory of `bow sweep` holds one") from None
+    entries = []
+    for number, line in enumerate(lines[:-1], 1):  # what follows the last newline was being written
+        try:
+            entry = json.loads(line)
+            if not isinstance(entry, dict):
+                raise ValueError("not an object")
+        except ValueError as error:
+            raise RunError(f"{path}, line {number}: not a ledger entry: {error}") from None
+        entries.append(entry)
+    if not entries or entries[0].get("event") != "planned":
+        raise RunError(f"{path}: does not begin with the plan of a run")
+    return entries
+
+
+class Run:
+    """One run on disk, held by its coordinator. Make it with :meth:`create` or :meth:`resume`."""
+
+    def __init__(self, directory: Path, run_id: str, sweep: Sweep, ledger: Ledger) -> None:
+        self.directory, self.run_id, self.sweep, self.ledger = directory, run_id, sweep, ledger
+        self._lock = lock(directory, "coordinator")
+        self._file = open(directory / LEDGER, "ab")  # noqa: SIM115  # open as long as the run
+        self.quarantined: dict[int, str] = {}
+
+    @classmethod
+    def create(cls, directory: Path, run_id: str, sweep: Sweep) -> Run:
+        """Begin a run in a directory that is new, or holds at most what its supervisor and recorder put there.
+
+        Raises
+        ------
+        RunError
+            Where the directory holds a run already or cannot be written.
+        """
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            if (directory / LEDGER).exists():
+                raise RunError(f"{directory}: holds a run already; resume it, or choose another directory")
+            run = cls(directory, run_id, sweep, Ledger(sweep.blocks, sweep.chunks))
+            run.record(
+                [
+                    {
+                        "event": "planned",
+                        "run_id": run_id,
+                        "sweep_id": sweep.sweep_id,
+                        "preset": sweep.preset,
+                        "settings": sweep.settings(),
+                        "fingerprint": fingerprint(),
+                        "blocks": sweep.blocks,
+                        "chunks": sweep.chunks,
+                        "cells": sweep.cells,
+                        "epoch": 1,
+                    }
+                ]
+            )
+        except OSError as error:
+            raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
+        return run
+
+    @classmethod
+    def resume(cls, directory: Path) -> Run:
+        """Go on with a run that was cut off.
+
+        Raises
+        ------
+        RunError
+            Where there is none, or this machine's kernel would not give the same bytes.
+        """
+        entries = read_ledger(directory)
+        plan = entries[0]
+        try:
+            sweep = Sweep.from_spec("", plan["settings"])
+        except (ParameterError, KeyError, TypeError) as error:
+            raise RunError(f"{directory / LEDGER}, line 1: {error}") from None
+        if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
+            raise RunError(
+                f"{directory}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
+                "their results could differ: resume where it began, or sweep anew"
+            )
+        _cut_torn_line(directory / LEDGER)
+        run = cls(directory, plan["run_id"], sweep, Ledger.resume(sweep.blocks, sweep.chunks, entries))
+        run.quarantined = {e["block"]: e.get("why", "") for e in entries if e.get("event") == "quarantined"}
+        run.record([{"event": "resumed", "epoch": run.ledger.epoch}])
+        return run
+
+    def record(self, entries: Iterable[Mapping[str, Any]]) -> None:
+        """Append entries to the ledger file and see them on disk."""
+        lines = b"".join(json.dumps(entry).encode() + b"\n" for entry in entries)
+        if lines:
+            self._file.write(lines)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+    def cells_in(self, state: State) -> int:
+        """Return how many cells are in blocks of a state."""
+        sizes = (len(self.sweep.block(n)) for n, block in enumerate(self.ledger.blocks) if block.state is state)
+        return sum(sizes)
+
+    def accounts(self) -> dict[str, int]:
+        """Return cells planned, done, quarantined and outstanding; the last three add up to the first."""
+        done, quarantined = self.cells_in(State.DONE), self.cells_in(State.QUARANTINED)
+        planned = self.sweep.cells
+        return {
+            "planned": planned,
+            "done": done,
+            "quarantined": quarantined,
+            "outstanding": planned - done - quarantined,
+        }
+
+    def report(self, basin: Basin, wall_seconds: float, extra: Mapping[str, Any]) -> dict[str, Any]:
+        """Write report.json and return what it says."""
+        found = basin.transient_periods[np.nan_to_num(basin.transient_periods) > 0]
+        counts = basin.regime_counts()
+        report = {
+            "run_id": self.run_id,
+            "sweep_id": self.sweep.sweep_id,
+            "preset": self.sweep.preset,
+            "settings": list(self.sweep.settings()),
+            "fingerprint": fingerprint(),
+            "classifier": self.sweep.thresholds.hash,
+            "cells": self.accounts(),
+            "samples": self.cells_in(State.DONE) * self.sweep.parameters.samples,
+            "quarantined_blocks": {str(block): why for block, why in self.quarantined.items()},
+            "attempts": sum(block.attempt for block in self.ledger.blocks),
+            "epoch": self.ledger.epoch,
+            "helmholtz_fraction": basin.helmholtz_fraction(),
+            "median_transient_periods": float(np.median(found)) if found.size else None,
+            "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},
+            "wall_seconds": wall_seconds,
+            "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
+            "versions": _versions(),
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
+            **extra,
+        }
+        write_aside(self.directory / REPORT, json.dumps(report, indent=2) + "\n")
+        return report
+
+    def close(self) -> None:
+        """Give up the lock and the ledger file."""
+        self._file.close()
+        os.close(self._lock)
+
+
+def _cut_torn_line(path: Path) -> None:
+    """Drop what a crash left after the last newline, so that the next entry begins a line."""
+    content = path.read_bytes()
+    whole = content.rfind(b"\n") + 1
+    if whole != len(content):
+        shutil.copyfile(path, path.with_name(path.name + ".torn"))
+        os.truncate(path, whole)
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in VERSIONS_OF:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return versions

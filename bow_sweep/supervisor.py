@@ -1,0 +1,177 @@
+"""The processes of a graph on this machine: started, watched, started again, stopped, none left behind."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+MODULES = {
+    "coordinator": "bow_sweep.coordinator",
+    "simulator": "bow_sim.node",
+    "classifier": "bow_classifier.node",
+    "recorder": "bow_sweep.record.recorder",
+    "dashboard": "bow_sweep.view.dashboard",
+}
+"""Role -> module with the node's main()."""
+
+STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
+"""Sources first, so that the recorder still hears what was under way."""
+
+STOP_S = 15.0
+"""After a polite signal a process has this long before it is killed."""
+
+CRASHES = 5
+CRASHES_WITHIN_S = 20.0
+"""A role that dies this often within this time will not come to life by starting it again."""
+
+PR_SET_PDEATHSIG = 1
+
+
+class GraphError(Exception):
+    """The graph cannot go on; the message names the process and its log."""
+
+
+@dataclass
+class Child:
+    """One process of the graph."""
+
+    role: str
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+    started: float = field(default_factory=time.monotonic)
+
+
+@dataclass(frozen=True)
+class Death:
+    """A process that ended by itself."""
+
+    child: Child
+    status: int
+
+    @property
+    def cause(self) -> str:
+        """What ended it, for people."""
+        if self.status < 0:
+            return f"killed by {signal.Signals(-self.status).name}"
+        return f"exit status {self.status}"
+
+
+def _die_with_parent() -> None:
+    """Run in the child before exec: get SIGTERM when the supervisor dies, and no Ctrl-C of the terminal."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    os.setpgid(0, 0)
+
+
+class Supervisor:
+    """Starts one process a role (and several simulators) in a namespace and keeps them alive.
+
+    Parameters
+    ----------
+    namespace
+        ROS namespace of the graph.
+    logs
+        Directory for one log file a process.
+    parameters
+        Role -> ROS parameters of its nodes.
+    """
+
+    def __init__(self, namespace: str, logs: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
+        self.namespace, self.logs, self.parameters = namespace, logs, parameters
+        self.children: list[Child] = []
+        self._count: dict[str, int] = {}
+        self._deaths: dict[str, list[float]] = {}
+        logs.mkdir(parents=True, exist_ok=True)
+
+    def start(self, role: str) -> Child:
+        """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
+        self._count[role] = self._count.get(role, 0) + 1
+        name = f"simulator_{self._count[role]}" if role == "simulator" else role
+        log = self.logs / f"{name}.log"
+        with open(log, "ab") as output:
+            process = subprocess.Popen(
+                [sys.executable, "-m", MODULES[role], "--ros-args", *self._arguments(role, name)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"},
+                preexec_fn=_die_with_parent,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
+            )
+        child = Child(role, name, process, log)
+        self.children.append(child)
+        return child
+
+    def _arguments(self, role: str, name: str) -> list[str]:
+        arguments = ["-r", f"__ns:={self.namespace}", "-r", f"__node:={name}"]
+        for key, value in self.parameters.get(role, {}).items():
+            arguments += ["-p", f"{key}:={_yaml(value)}"]
+        return arguments
+
+    def buried(self) -> list[Death]:
+        """Return the processes that have ended since the last call; they are no longer children."""
+        gone = [Death(child, status) for child in self.children if (status := child.process.poll()) is not None]
+        self.children = [child for child in self.children if child.process.returncode is None]
+        return gone
+
+    def revive(self, death: Death) -> Child:
+        """Start a process again.
+
+        Raises
+        ------
+        GraphError
+            Where its role dies again and again.
+        """
+        now = time.monotonic()
+        deaths = [when for when in self._deaths.get(death.child.role, []) if now - when < CRASHES_WITHIN_S]
+        self._deaths[death.child.role] = [*deaths, now]
+        short_lived = now - death.child.started < CRASHES_WITHIN_S / CRASHES
+        if len(deaths) + 1 >= CRASHES and short_lived and death.status >= 0:
+            raise GraphError(f"{death.child.name} ended {CRASHES} times ({death.cause}):\n{tail(death.child.log)}")
+        return self.start(death.child.role)
+
+    def stop(self) -> list[Child]:
+        """Stop every process, politely first; return those that had to be killed."""
+        stubborn: list[Child] = []
+        for role in STOP_ORDER:
+            group = [child for child in self.children if child.role == role]
+            for child in group:
+                with contextlib.suppress(ProcessLookupError):
+                    child.process.send_signal(signal.SIGCONT)
+                    child.process.send_signal(signal.SIGINT)
+            deadline = time.monotonic() + STOP_S
+            for child in group:
+                try:
+                    child.process.wait(max(0.1, deadline - time.monotonic()))
+                except subprocess.TimeoutExpired:
+                    stubborn.append(child)
+                    child.process.kill()
+                    child.process.wait()
+        self.buried()
+        return stubborn
+
+
+def _yaml(value: object) -> str:
+    """Return a parameter value as the command line of a node takes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return "'" + value.replace("'", "''") + "'"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(_yaml(item) for item in value) + "]"
+    return str(value)
+
+
+def tail(log: Path, lines: int = 8) -> str:
+    """Return the last lines of a log."""
+    try:
+        return "\n".join(f"  {log.name}: {line}" for line in log.read_text(errors="replace").splitlines()[-lines:])
+    except OSError as error:
+        return f"  {log}: {error.strerror}"

@@ -1,0 +1,97 @@
+"""Where everything stands in the rerun viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import rerun.blueprint as rrb
+
+from .furniture import Furniture
+from .layers import TEST_LAYERS
+from .scope import MOST, ROW, WIDTH, trace_name
+
+GROUND = (24, 26, 30)
+"""Behind maps: dark in both of the viewer's themes, as their labels are light."""
+
+TEST_TITLES = {
+    "correlation": "Test 1: correlation of successive periods",
+    "slips": "Test 2: significant slips in five periods",
+    "corners": "Test 3: travelling corners in five periods",
+}
+
+NO_CELLS = """No cell is under inspection.
+
+Simulators publish the bridge force of the cells named by their parameter `inspect`:
+
+    ros2 run bow simulator --ros-args -p inspect:=[4160,4200]
+"""
+
+
+def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blueprint:
+    """Return the layout: a tab for the sweep, one for the tests and one for waveforms.
+
+    Parameters
+    ----------
+    furniture
+        What stands around each map, by entity path: its bounds are what a view shows at first.
+    cells
+        Under inspection; there are rows for `MOST`.
+    """
+    sweep = rrb.Horizontal(
+        rrb.Vertical(
+            _plane("map", "Transient length: the brighter, the sooner Helmholtz motion", furniture),
+            rrb.Horizontal(
+                rrb.TimeSeriesView(origin="counts", name="Cells by their regime at the latest test"),
+                rrb.TimeSeriesView(origin="progress/cells_per_second", name="Cells per second"),
+                column_shares=[3, 2],
+            ),
+            row_shares=[5, 2],
+        ),
+        rrb.Vertical(
+            rrb.TextDocumentView(origin="account", name="Accounts"),
+            _scope(),
+            row_shares=[3, 2],
+        ),
+        column_shares=[5, 2],
+        name="Sweep",
+    )
+    tests = rrb.Grid(
+        *(_plane(f"tests/{name}", TEST_TITLES[name], furniture, "/tests/pending") for name in TEST_LAYERS),
+        _plane("regime", "Regime at the latest test", furniture),
+        grid_columns=2,
+        name="Tests and regimes",
+    )
+    waves = [
+        rrb.TimeSeriesView(origin=f"waveform/{trace_name(cell)}", name=f"Bridge force of cell {cell}") for cell in cells
+    ]
+    waveforms = rrb.Vertical(
+        *(waves or [rrb.TextDocumentView(origin="waveform/help", name="Bridge force")]),
+        name="Waveforms (choose the timeline “sample” below)",
+    )
+    return rrb.Blueprint(
+        rrb.Tabs(sweep, tests, waveforms, active_tab=0),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline="sweep", play_state="following"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _plane(origin: str, name: str, furniture: Mapping[str, Furniture], *also: str) -> rrb.Spatial2DView:
+    bounds = None
+    if origin in furniture:
+        (left, right), (top, bottom) = furniture[origin].bounds
+        bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
+    contents = ["$origin/**", *also]
+    return rrb.Spatial2DView(origin=origin, contents=contents, name=name, background=GROUND, visual_bounds=bounds)
+
+
+def _scope() -> rrb.Spatial2DView:
+    bounds = rrb.VisualBounds2D(x_range=(-4, WIDTH + 4), y_range=(-4, MOST * ROW))
+    return rrb.Spatial2DView(
+        origin="scope",
+        name="Bridge force of inspected cells, latest five periods",
+        background=GROUND,
+        visual_bounds=bounds,
+    )

@@ -1,0 +1,265 @@
+"""What pictures of a map are made of: its plane, the layers to draw and their colours. Plain arrays throughout.
+
+The colours say how good a gesture is: the brighter a cell, the sooner Helmholtz motion came; black is never (as in the
+paper's Fig 11) and grey is a cell that was not computed. Viridis is perceptually uniform and safe for the colour-blind;
+run backwards and stopped short of its dark end, the latest success stays apart from black.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bow_sim.model import CHUNK_PERIODS
+from bow_sim.spec import split
+
+from .axes import Axis
+
+PENDING = 255
+"""Regime of a cell without a verdict (BasinMap.msg)."""
+
+CLEAR, NEVER, NOT_COMPUTED = 0, 1, 2
+"""What the mask over the transient lengths says of a cell."""
+
+BLACK, GREY = (0, 0, 0), (150, 150, 150)
+"""Never; pending or quarantined."""
+
+HEADROOM = 1.1
+"""The colour scale of transient length runs to this times the longest possible: its last tenth is too near black."""
+
+_VIRIDIS = (
+    "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
+    "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
+)
+_ANCHORS = np.array([[int(code[i : i + 2], 16) for i in (0, 2, 4)] for code in _VIRIDIS.split()], float)
+
+REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
+    "no_oscillation": (240, 228, 66),
+    "helmholtz": (0, 158, 115),
+    "multiple_slip": (86, 180, 233),
+    "multiple_flyback": (230, 159, 0),
+    "other_periodic": (204, 121, 167),
+    "aperiodic": (70, 70, 70),
+}
+"""Okabe and Ito's colours, which colour-blind people tell apart; `SPARE_COLOURS` for regimes not named here."""
+
+SPARE_COLOURS = ((0, 114, 178), (213, 94, 0), (120, 94, 240), (160, 110, 70))
+
+TEST_LAYERS = ("correlation", "slips", "corners")
+"""The three tests of section III.B."""
+
+TEST_RANGES = {"correlation": (0.0, 1.0), "slips": (0.0, 15.0), "corners": (0.0, 25.0)}
+"""Range of the colour scale of each test; what lies beyond takes the colour of the end."""
+
+WANTED = {"correlation": 1.0, "slips": 5.0, "corners": 5.0}
+"""What Helmholtz motion gives in five periods."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Plane:
+    """What every map has. Arrays are (ny, nx), row 0 the lowest y.
+
+    Attributes
+    ----------
+    x, y
+        (nx,) and (ny,) values of the parameters `x_name` and `y_name`.
+    transient_periods
+        float32, periods until the tests first passed; 0 = never, NaN = pending or quarantined.
+    regime
+        uint8, index into `regime_names` at the latest test; 255 = no verdict.
+    settings
+        "name=value", every setting of the sweep; may be empty.
+    """
+
+    run_id: str
+    sweep_id: str
+    x_name: str
+    y_name: str
+    x: np.ndarray
+    y: np.ndarray
+    transient_periods: np.ndarray
+    regime: np.ndarray
+    regime_names: tuple[str, ...]
+    settings: tuple[str, ...] = ()
+    preset: str = ""
+
+    @cached_property
+    def axes(self) -> tuple[Axis, Axis]:
+        """The axes along x and y."""
+        return Axis.of(self.x_name, self.x), Axis.of(self.y_name, self.y)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along y and x."""
+        return len(self.y), len(self.x)
+
+    @cached_property
+    def values(self) -> dict[str, str]:
+        """The settings by name."""
+        return dict(setting.partition("=")[::2] for setting in self.settings)
+
+    @property
+    def periods(self) -> float:
+        """Length of a simulation, and so the longest transient that can be seen; a guess where no setting says."""
+        try:
+            return max(float(self.values["periods"]), CHUNK_PERIODS)
+        except (KeyError, ValueError):
+            found = np.nanmax(self.transient_periods, initial=0)
+            return max(100.0, float(found))
+
+    def mask(self) -> np.ndarray:
+        """Return which cells have no transient length, (ny, nx) uint8: CLEAR, NEVER or NOT_COMPUTED."""
+        length = self.transient_periods
+        return np.where(np.isnan(length), NOT_COMPUTED, np.where(length > 0, CLEAR, NEVER)).astype(np.uint8)
+
+    def regime_counts(self) -> np.ndarray:
+        """Return how many cells are in each of `regime_names`, and last how many in none, (regimes + 1,)."""
+        counts = np.bincount(np.asarray(self.regime).ravel(), minlength=PENDING + 1)
+        named = counts[: len(self.regime_names)]
+        return np.append(named, self.regime.size - named.sum())
+
+    def helmholtz_fraction(self) -> float:
+        """Return the fraction of all cells in which Helmholtz motion ever came."""
+        return float(np.mean(np.nan_to_num(self.transient_periods) > 0))
+
+    def with_plan(self, settings: Iterable[str], preset: str = "") -> Any:
+        """Return the same map knowing the settings of its sweep."""
+        return replace(self, settings=tuple(settings), preset=preset)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Snapshot(Plane):
+    """The map as it stands in the middle of a sweep (BasinMap.msg).
+
+    Attributes
+    ----------
+    tests, slips, corners
+        (ny, nx) uint16: tests made so far; slips and corners at the latest.
+    correlation
+        (ny, nx) float32 at the latest test.
+    done, quarantined, outstanding
+        Cells, by the coordinator's account; planned is their sum.
+    """
+
+    tests: np.ndarray
+    correlation: np.ndarray
+    slips: np.ndarray
+    corners: np.ndarray
+    done: int = 0
+    quarantined: int = 0
+    outstanding: int = 0
+
+    @classmethod
+    def from_message(cls, values: Mapping[str, Any] | Any) -> Snapshot:
+        """Return the map in a BasinMap: the message, or its fields as ``wire.decode`` gives them.
+
+        Raises
+        ------
+        ValueError
+            Where arrays do not fit the axes, or an axis is none.
+        """
+        get = values.__getitem__ if isinstance(values, Mapping) else lambda name: getattr(values, name)
+        x, y = (np.array(get(name), float) for name in ("x", "y"))
+        grids: dict[str, np.ndarray] = {}
+        kinds = {"transient_periods": np.float32, "regime": np.uint8, "correlation": np.float32}
+        for name in ("transient_periods", "regime", "tests", *TEST_LAYERS):
+            flat = np.array(get(name), kinds.get(name, np.uint16))
+            if flat.size != x.size * y.size:
+                raise ValueError(f"BasinMap.{name}: {flat.size} values for {x.size} x {y.size} cells")
+            grids[name] = flat.reshape(y.size, x.size)
+        fields: dict[str, Any] = {name: str(get(name)) for name in ("run_id", "sweep_id", "x_name", "y_name")}
+        fields |= {name: int(get(f"cells_{name}")) for name in ("done", "quarantined", "outstanding")}
+        snapshot = cls(**fields, **grids, x=x, y=y, regime_names=tuple(get("regime_names")))
+        _ = snapshot.axes  # refuse bad axes here, at the border
+        return snapshot
+
+    @classmethod
+    def empty(cls, run_id: str, sweep_id: str, settings: Iterable[str], preset: str = "") -> Snapshot:
+        """Return the map of a sweep that has just been planned: every cell pending.
+
+        Raises
+        ------
+        ValueError
+            Where the settings do not hold the axes.
+        """
+        settings = tuple(settings)
+        spec = split(settings)
+        axes = []
+        for key, given in (("x", spec.x), ("y", spec.y)):
+            try:
+                first, last, count = float(str(given["first"])), float(str(given["last"])), int(str(given["count"]))
+                space = np.geomspace if given["scale"] == "log" else np.linspace
+                axes.append((str(given["name"]), space(first, last, count)))
+            except KeyError as error:
+                raise ValueError(f"the plan has no setting {key}.{error.args[0]}") from None
+        (x_name, x), (y_name, y) = axes
+        shape = (len(y), len(x))
+        whole = {name: np.zeros(shape, np.uint16) for name in ("tests", "slips", "corners")}
+        nothing = {name: np.full(shape, np.nan, np.float32) for name in ("transient_periods", "correlation")}
+        return cls(
+            run_id=run_id,
+            sweep_id=sweep_id,
+            x_name=x_name,
+            y_name=y_name,
+            x=x,
+            y=y,
+            regime=np.full(shape, PENDING, np.uint8),
+            regime_names=(),
+            settings=settings,
+            preset=preset,
+            outstanding=x.size * y.size,
+            **whole,
+            **nothing,
+        )
+
+    @property
+    def planned(self) -> int:
+        """Cells of the sweep."""
+        return self.done + self.quarantined + self.outstanding
+
+
+def upright(grid: np.ndarray) -> np.ndarray:
+    """Return a layer as an image: the first row of an image is at the top, that of a map at the bottom."""
+    return np.ascontiguousarray(np.asarray(grid)[::-1])
+
+
+def image_of(plane: Plane) -> tuple[int, int, bytes]:
+    """Return the transient lengths for a sensor_msgs/Image: height, width and data.
+
+    Encoding "32FC1", little endian, step 4 * width; y points up, so the top row is the highest y. Values in periods;
+    0 = never, NaN = not computed.
+    """
+    height, width = plane.shape
+    return height, width, upright(plane.transient_periods).astype("<f4").tobytes()
+
+
+def viridis(share: np.ndarray | float) -> np.ndarray:
+    """Return viridis at `share` 0 ... 1 of its way, shape (..., 3), uint8."""
+    place = np.clip(np.asarray(share, float), 0, 1) * (len(_ANCHORS) - 1)
+    channels = [np.interp(place, np.arange(len(_ANCHORS)), _ANCHORS[:, channel]) for channel in range(3)]
+    return np.stack(channels, axis=-1).round().astype(np.uint8)
+
+
+def transient_colours(lengths: np.ndarray | float, periods: float) -> np.ndarray:
+    """Return the colours of transient lengths, shape (..., 3), uint8; black for 0, grey for NaN."""
+    lengths = np.asarray(lengths, float)
+    colours = viridis(1 - np.nan_to_num(lengths) / (HEADROOM * periods))
+    colours[lengths == 0] = BLACK
+    colours[np.isnan(lengths)] = GREY
+    return colours
+
+
+def regime_colours(names: Iterable[str]) -> list[tuple[int, int, int]]:
+    """Return a colour for each regime, the same for the same names in every picture."""
+    spare = iter(SPARE_COLOURS * 52)
+    return [REGIME_COLOURS[name] if name in REGIME_COLOURS else next(spare) for name in names]
+
+
+def regime_label(name: str) -> str:
+    """Return a regime's name for people."""
+    label = name.replace("_", " ")
+    return label.replace("helmholtz", "Helmholtz")

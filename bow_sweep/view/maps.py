@@ -1,0 +1,246 @@
+"""The finished map: ``map.npz`` for programs, pictures for people."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from bow_sim.model import CHUNK_PERIODS
+
+from .layers import PENDING, TEST_LAYERS, Plane
+
+if TYPE_CHECKING:
+    from bow_sweep.basin import Basin
+    from bow_sweep.plan import Sweep
+
+TESTS = {
+    "correlation": np.float32,
+    "period": np.float32,
+    "slips": np.uint16,
+    "corners": np.uint16,
+    "helmholtz": np.bool_,
+}
+"""Arrays of map.npz that hold a value for every test of every cell, and their types."""
+
+TEXTS = ("run_id", "sweep_id", "x_name", "y_name", "preset")
+METADATA: dict[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""Kinds of pictures, and what is left out of each file so that the same map gives the same bytes."""
+
+
+class MapFileError(ValueError):
+    """A file is not a map, or a map cannot be drawn as asked; says which and why."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MapFile(Plane):
+    """A map with every test of every cell: what ``map.npz`` holds.
+
+    Attributes
+    ----------
+    test_periods
+        (tests,) periods after which each test was made.
+    correlation, period
+        (tests, ny, nx) float32; NaN = no interior maximum, or not computed. `period` in samples.
+    slips, corners
+        (tests, ny, nx) uint16, in the last five periods before each test.
+    helmholtz
+        (tests, ny, nx) bool: whether all three tests passed. False after True is a regression.
+    """
+
+    test_periods: np.ndarray
+    correlation: np.ndarray
+    period: np.ndarray
+    slips: np.ndarray
+    corners: np.ndarray
+    helmholtz: np.ndarray
+
+    @classmethod
+    def of(cls, sweep: Sweep, basin: Basin, run_id: str, not_computed: np.ndarray | None = None) -> MapFile:
+        """Return the map of a sweep from the coordinator's verdicts.
+
+        Parameters
+        ----------
+        not_computed
+            (ny * nx,) bool: cells that are not done (quarantined or outstanding), whatever is known of them.
+        """
+        from bow_classifier.regime import REGIMES
+
+        shape = (basin.ny, basin.nx)
+        layers = {**basin.layers, "helmholtz": basin.layers["regime"] == REGIMES.index("helmholtz")}
+        length, regime = basin.transient_periods.copy(), basin.latest("regime").copy()
+        if not_computed is not None:
+            length[not_computed], regime[not_computed] = np.nan, PENDING
+        return cls(
+            run_id=run_id,
+            sweep_id=sweep.sweep_id,
+            x_name=sweep.x.name,
+            y_name=sweep.y.name,
+            x=sweep.x.values(),
+            y=sweep.y.values(),
+            transient_periods=length.reshape(shape),
+            regime=regime.reshape(shape),
+            regime_names=tuple(REGIMES),
+            settings=sweep.settings(),
+            preset=sweep.preset,
+            test_periods=np.arange(1, basin.tests + 1) * CHUNK_PERIODS,
+            **{name: layers[name].reshape(basin.tests, *shape) for name in TESTS},
+        )
+
+
+def write_map_npz(path: str | Path, result: MapFile) -> None:
+    """Write a map; readers see the old file or the new one, never half of it.
+
+    The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
+    `transient_periods`, `regime` (ny, nx), `regime_names`, those of `TESTS` (tests, ny, nx), `test_periods` (tests),
+    `settings`, and the names of `TEXTS`.
+
+    Raises
+    ------
+    MapFileError
+        Where the shapes do not fit each other.
+    """
+    ny, nx = result.shape
+    tests = len(result.test_periods)
+    arrays: dict[str, np.ndarray] = {
+        "transient_periods": np.asarray(result.transient_periods, np.float32),
+        "regime": np.asarray(result.regime, np.uint8),
+        "regime_names": np.array(result.regime_names, dtype=np.str_),
+        "test_periods": np.asarray(result.test_periods),
+        "settings": np.array(result.settings, dtype=np.str_),
+        **{name: np.array(getattr(result, name), dtype=np.str_) for name in TEXTS},
+        **{name: np.asarray(getattr(result, name), kind) for name, kind in TESTS.items()},
+    }
+    shapes = {"transient_periods": (ny, nx), "regime": (ny, nx), **dict.fromkeys(TESTS, (tests, ny, nx))}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise MapFileError(f"{name}: shape {arrays[name].shape}, should be {shape}")
+    for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
+        # the parameter `period` shares its name with a test; its axis is stored as axis_period
+        arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
+    _write_aside(Path(path), lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
+
+
+def read_map_npz(path: str | Path) -> MapFile:
+    """Return the map in a file that :func:`write_map_npz` wrote.
+
+    Raises
+    ------
+    MapFileError
+        Where there is no such file, or it is not a map.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise MapFileError(f"{path}: cannot be read as a map: {error}") from None
+    try:
+        values: dict[str, Any] = {name: str(arrays[name]) for name in TEXTS}
+        for key in ("x", "y"):
+            name = values[f"{key}_name"]
+            values[key] = arrays.get(f"axis_{name}", arrays[name])
+        values |= {name: tuple(str(text) for text in arrays[name]) for name in ("regime_names", "settings")}
+        values |= {name: arrays[name] for name in ("transient_periods", "regime", "test_periods", *TESTS)}
+    except KeyError as error:
+        raise MapFileError(f"{path}: not a map of `bow sweep`: it has no array {error}") from None
+    return MapFile(**values)
+
+
+def draw_map(plane: Plane, path: str | Path, dpi: float = 200) -> None:
+    """Draw transient length over the plane, in the manner of the paper's Fig 11, and the final regimes below.
+
+    Parameters
+    ----------
+    plane
+        A :class:`MapFile`, or a :class:`~bow_sweep.view.layers.Snapshot` of a map that still grows.
+    path
+        Ends in .png, .svg or .pdf; replaced whole.
+    dpi
+        Dots an inch of a .png; every cell is a whole number of them wide and high.
+
+    Raises
+    ------
+    MapFileError
+        For another suffix.
+    """
+    from . import pictures
+
+    place = _drawable(path)
+    _save(place, pictures.map_figure(plane, dpi))
+
+
+def draw_tests(result: MapFile, path: str | Path, periods: int | None = None, dpi: float = 200) -> None:
+    """Draw the three tests and their verdict after `periods` (the end unless given): the paper's Fig 10.
+
+    Raises
+    ------
+    MapFileError
+        For another suffix than .png, .svg and .pdf, or where no test was made after `periods`.
+    """
+    from . import pictures
+
+    place = _drawable(path)
+    made = [int(length) for length in result.test_periods]
+    periods = made[-1] if periods is None else periods
+    if periods not in made:
+        raise MapFileError(f"periods = {periods}: no test was made then, but after {_listed(made)}")
+    index = made.index(periods)
+    layers = {name: getattr(result, name)[index] for name in (*TEST_LAYERS, "helmholtz")}
+    _save(place, pictures.tests_figure(result, layers, periods, dpi))
+
+
+def draw_maps(planes: Iterable[tuple[str, Plane]], path: str | Path, dpi: float = 200) -> None:
+    """Draw several maps two abreast on one scale: the whole of the paper's Fig 11. Each comes with its title.
+
+    Raises
+    ------
+    MapFileError
+        For another suffix than .png, .svg and .pdf, or no maps.
+    """
+    from . import pictures
+
+    place, listed = _drawable(path), list(planes)
+    if not listed:
+        raise MapFileError("no maps to draw: should be at least one")
+    _save(place, pictures.maps_figure(listed, dpi))
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers if len(numbers) < 8 else [*numbers[:3], "...", numbers[-1]]))
+
+
+def _drawable(path: str | Path) -> Path:
+    path = Path(path)
+    if path.suffix.lower() not in METADATA:
+        known = ", ".join(METADATA)
+        raise MapFileError(f"{path}: cannot draw as {path.suffix or 'a file without a suffix'}; should be {known}")
+    return path
+
+
+def _save(path: Path, figure: Any) -> None:
+    kind = path.suffix.lower()
+    save = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
+    _write_aside(path, lambda file: figure.savefig(file, **save))
+
+
+def _write_aside(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
+    """Write through a file beside `path`, then put it in its place."""
+    aside = path.with_name(f".{path.name}.part")
+    try:
+        with open(aside, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(aside, path)
+    except BaseException:
+        aside.unlink(missing_ok=True)
+        raise

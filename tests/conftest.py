@@ -1,0 +1,47 @@
+"""What every test stands on: this checkout, and a ROS graph that nobody else hears."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+DOMAINS = range(1, 100)
+"""DDS domains whose ports stay below those that Linux hands out by itself."""
+
+# Before anything imports rclpy: a middleware or a reach from the caller's shell would test something else.
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+for _name in ("RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_NAMESPACE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
+    os.environ.pop(_name, None)
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The root of this checkout."""
+    return ROOT
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A DDS domain of its own, for this process and its children, as long as the test runs.
+
+    Two test runs on one machine don't get the same one: each domain has a file that its user locks.
+    """
+    folder = Path(tempfile.gettempdir()) / f"bow-test-domains-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for domain in DOMAINS:
+        with open(folder / str(domain), "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            yield domain
+            return
+    pytest.fail(f"all {len(DOMAINS)} DDS domains are in use, says {folder}")

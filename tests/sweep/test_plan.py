@@ -1,0 +1,99 @@
+"""A sweep's written form: round trips, blocks that cover it once, and refusals that name the value."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bow_sim.model import ParameterError
+from bow_sweep.plan import Sweep, presets
+
+
+def test_the_presets_are_those_of_the_paper() -> None:
+    assert set(presets()) >= {"fig10", *(f"fig11{panel}" for panel in "abcdef")}
+
+
+@pytest.mark.parametrize("preset", presets())
+def test_a_preset_is_the_papers_plane_and_survives_its_written_form(preset: str) -> None:
+    sweep = Sweep.from_spec(preset)
+    assert (sweep.x.count, sweep.y.count, sweep.cells, sweep.blocks) == (128, 64, 8192, 64)
+    force, ratio = sweep.x.values(), sweep.y.values()
+    assert (force[0], force[-1], ratio[0], ratio[-1]) == (0.5, 20.0, 0.0, 2.0)
+    np.testing.assert_allclose(np.diff(np.log(force)), np.log(40) / 127)
+    np.testing.assert_allclose(np.diff(ratio), 2 / 63)
+    again = Sweep.from_spec("", sweep.settings())
+    assert again.settings() == sweep.settings()
+    assert again.sweep_id == sweep.sweep_id
+
+
+def test_thresholds_are_not_part_of_the_sweeps_identity_and_physics_is() -> None:
+    base = Sweep.from_spec("fig11d")
+    assert Sweep.from_spec("fig11d", ["classifier.correlation=0.9"]).sweep_id == base.sweep_id
+    assert Sweep.from_spec("fig11d", ["v_mid=0.21"]).sweep_id != base.sweep_id
+    assert Sweep.from_spec("fig11d", ["dtype=float32"]).sweep_id != base.sweep_id
+
+
+@given(nx=st.integers(1, 40), ny=st.integers(1, 40), block_cells=st.integers(1, 200))
+def test_blocks_cover_every_cell_once(nx: int, ny: int, block_cells: int) -> None:
+    sweep = Sweep.from_spec("", [f"x.count={nx}", f"y.count={ny}", f"block_cells={block_cells}"])
+    cells = np.concatenate([sweep.block(n) for n in range(sweep.blocks)])
+    np.testing.assert_array_equal(cells, np.arange(nx * ny))
+    lanes = sweep.lanes(cells)
+    grid = np.meshgrid(sweep.x.values(), sweep.y.values())
+    np.testing.assert_array_equal(lanes["f_asym"], grid[0].ravel())
+    np.testing.assert_array_equal(lanes["f_init_ratio"], grid[1].ravel())
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["x.count=0"], "x.count = 0"),
+        (["x.count=9999999999"], "x.count = 9999999999"),
+        (["x.count=4000", "y.count=4000"], "16000000 cells"),
+        (["x.count=2.5"], "x.count = '2.5'"),
+        (["x.first=0"], "x.first = 0.0"),
+        (["x.first=-1"], "x.first = -1.0"),
+        (["x.first=nan"], "x.first = nan"),
+        (["x.last=inf"], "x.last = inf"),
+        (["x.last=0.5"], "x.last = 0.5"),
+        (["x.scale=cubic"], "x.scale = 'cubic'"),
+        (["x.name=model"], "x.name = 'model'"),
+        (["x.colour=red"], "x.colour: no such setting"),
+        (["y.name=f_asym"], "y.name = 'f_asym'"),
+        (["y.first=-0.5"], "y.first: f_init_ratio = -0.5"),
+        (["f_asym=3"], "f_asym = '3': it is the x axis"),
+        (["v_mid=1"], "v_mid = 1.0"),
+        (["tau_f=0"], "tau_f = '0'"),
+        (["model=erard"], "model = 'erard'"),
+        (["periods=7"], "periods = 7"),
+        (["block_cells=0"], "block_cells = 0"),
+        (["block_cells=5000"], "block_cells = 5000"),
+        (["colour=red"], "colour = 'red'"),
+        (["classifier.correlation=2"], "classifier.correlation"),
+        (["nonsense"], "nonsense"),
+    ],
+)
+def test_what_cannot_be_is_refused_naming_the_value(settings: list[str], message: str) -> None:
+    with pytest.raises(ParameterError) as refusal:
+        Sweep.from_spec("fig11d", settings)
+    assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize("preset", ["nope", "../fig11d", "/etc/passwd", "fig11d.yaml"])
+def test_a_preset_is_a_name_from_the_list_never_a_path(preset: str) -> None:
+    with pytest.raises(ParameterError, match="no such preset"):
+        Sweep.from_spec(preset)
+
+
+def test_any_parameter_can_be_an_axis() -> None:
+    sweep = Sweep.from_spec("", ["x.name=mu_s", "x.scale=linear", "x.first=0.4", "x.last=1", "y.count=3", "x.count=2"])
+    assert set(sweep.lanes(sweep.block(0))) == {"mu_s", "f_init_ratio"}
+    assert not any(line.startswith("mu_s=") for line in sweep.settings())
+
+
+@given(st.text(max_size=30))
+def test_no_text_breaks_the_reader(text: str) -> None:
+    try:
+        Sweep.from_spec("", [text])
+    except ParameterError as error:
+        assert str(error)

@@ -1,0 +1,298 @@
+"""Makes .venv, the environment of `make sweep` and `make test`: ROS wheels, bow_msgs, bow (editable), compiled kernels.
+
+Run by `make setup` with the system's Python, whatever its version, before anything is installed: standard library
+only. What was installed is written down in .venv/.bow-setup.json at the very end, with a hash of what it was made
+from; a part is made again when that changed.
+"""
+
+import argparse
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+VENV = os.path.join(ROOT, ".venv")
+PYTHON = os.path.join(VENV, "bin", "python")
+RECORD = os.path.join(VENV, ".bow-setup.json")
+STARTED = os.path.join(VENV, ".bow-setup.started")  # ours, and not finished
+
+# ROS and Python settings of the caller's shell. They would send this environment's Python to other libraries.
+LEAKS = (
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME "
+    "PYTHONPATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION VIRTUAL_ENV PIP_PREFIX PIP_TARGET PIP_USER"
+).split()
+
+# The inputs of each part. Python sources are not among them: the installation is editable.
+INPUTS = {
+    "bow_msgs": ["msg_defs"],
+    "bow": ["setup.py", "setup.cfg", "pyproject.toml", "package.xml", "requirements.txt", "constraints.txt"],
+    "test tools": ["requirements-dev.txt", "constraints.txt"],
+}
+
+
+def say(text):
+    print("setup: " + text, flush=True)
+
+
+def stop(text):
+    sys.exit("setup: " + text)
+
+
+# --- prerequisites ----------------------------------------------------------------------------------------------------
+
+
+def missing_prerequisites(uv):
+    """What this machine lacks, as (what, Debian package)."""
+    version = "python{}.{}".format(*sys.version_info)
+    # Debian's own Python has its parts in packages with the plain name; another one has them under its version.
+    package = "python3" if sys.executable.startswith("/usr/bin/") else version
+    missing = []
+    if not any(shutil.which(name) for name in [os.environ.get("CXX", "g++"), "g++", "clang++"]):
+        missing.append(("a C++ compiler (the interfaces are compiled)", "g++"))
+    if not os.path.isfile(os.path.join(sysconfig.get_paths()["include"], "Python.h")):
+        missing.append(("Python.h, the headers of " + sys.executable, package + "-dev"))
+    if not uv:
+        try:
+            import ensurepip  # noqa: F401 - only whether it is there
+            import venv  # noqa: F401
+        except ImportError:
+            missing.append(("the modules venv and ensurepip of " + sys.executable, package + "-venv"))
+    return missing
+
+
+def check_machine(uv):
+    if sys.platform != "linux" or platform.machine() not in ("x86_64", "AMD64"):
+        stop(
+            "PyPI has the ROS wheels for Linux on x86-64 only, and this is {} on {}. With a ROS 2 Jazzy installation "
+            "use the workspace route of README.md (colcon build).".format(sys.platform, platform.machine())
+        )
+    if not (3, 10) <= sys.version_info[:2] <= (3, 14):
+        others = [name for name in ("python3." + str(minor) for minor in range(14, 9, -1)) if shutil.which(name)]
+        advice = (
+            "Type: make setup PYTHON=" + others[0] if others else "Install one, and type: make setup PYTHON=python3.X"
+        )
+        stop(
+            "{} is Python {}, and the ROS wheels are for 3.10 to 3.14. {}".format(
+                sys.executable, platform.python_version(), advice
+            )
+        )
+    missing = missing_prerequisites(uv)
+    if missing:
+        for what, package in missing:
+            say("missing: {} - Debian package {}".format(what, package))
+        stop("install them and start again:  sudo apt-get install " + " ".join(package for _, package in missing))
+
+
+# --- what is there and what is due ------------------------------------------------------------------------------------
+
+
+def fingerprint(paths):
+    """Hash of names and bytes of files and of whole folders."""
+    digest = hashlib.sha256()
+    for path in paths:
+        full = os.path.join(ROOT, path)
+        files = [full]
+        if os.path.isdir(full):
+            files = [os.path.join(base, name) for base, _, names in os.walk(full) for name in names]
+            files = [name for name in files if "__pycache__" not in name]
+        for name in sorted(files):
+            with open(name, "rb") as file:
+                content = file.read()
+            digest.update("{} {}\n".format(os.path.relpath(name, ROOT), len(content)).encode())
+            digest.update(content)
+    return digest.hexdigest()
+
+
+def kernel_stamp():
+    """What Numba's cache depends on: it compares a source file's time and size, and the processor's features."""
+    folder = os.path.join(ROOT, "bow_sim")
+    files = [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if name.endswith(".py")]
+    with open("/proc/cpuinfo") as file:
+        processor = sorted({line for line in file if line.startswith(("flags", "model name"))})
+    times = [[os.path.basename(name), os.stat(name).st_mtime_ns, os.stat(name).st_size] for name in files]
+    return hashlib.sha256(json.dumps([times, processor]).encode()).hexdigest()
+
+
+def read_record():
+    try:
+        with open(RECORD) as file:
+            return json.load(file)
+    except (OSError, ValueError):
+        return {}
+
+
+def write_record(record):
+    part = RECORD + ".part"
+    with open(part, "w") as file:
+        json.dump(record, file, indent=1, sort_keys=True)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, RECORD)
+
+
+# --- doing it ---------------------------------------------------------------------------------------------------------
+
+
+def clean_environment():
+    return {name: value for name, value in os.environ.items() if name not in LEAKS}
+
+
+def run(command, what):
+    started = time.monotonic()
+    process = subprocess.Popen(command, cwd=ROOT, env=clean_environment())
+    while True:
+        try:
+            failed = process.wait(timeout=30)
+            break
+        except subprocess.TimeoutExpired:
+            say("{}: still at it after {:.0f} s".format(what, time.monotonic() - started))
+        except BaseException:
+            process.terminate()
+            raise
+    if failed:
+        stop("{} failed; the lines above say why. The next try starts anew.".format(what))
+    say("{}: done in {:.0f} s".format(what, time.monotonic() - started))
+
+
+def create(uv, home):
+    """An empty environment; `home` is what the record keeps of the Python and the place it was made for."""
+    if os.path.lexists(VENV):
+        if not (os.path.exists(RECORD) or os.path.exists(STARTED)):
+            stop(VENV + " exists, but make setup did not make it. Move it away (or: make clean).")
+        shutil.rmtree(VENV)
+    os.mkdir(VENV)
+    open(STARTED, "w").close()
+    if uv:
+        command = [uv, "venv", "--quiet", "--allow-existing", "--python", home["python"], VENV]
+    else:
+        command = [home["python"], "-m", "venv", VENV]
+    run(command, "making .venv with Python " + home["version"])
+
+
+def install(uv, arguments, what):
+    if uv:
+        command = [uv, "pip", "install", "--quiet", "--python", PYTHON]
+    else:
+        command = [PYTHON, "-m", "pip", "--disable-pip-version-check", "install", "-qq", "--no-warn-script-location"]
+    run([*command, "--constraint", "constraints.txt", *arguments], what)
+
+
+def requirements():
+    """What requirements.txt takes from PyPI; its two local lines, ./msg_defs and ., are asked for by name."""
+    with open(os.path.join(ROOT, "requirements.txt")) as file:
+        lines = [line.split("#")[0].strip() for line in file]
+    return [line for line in lines if line and not line.startswith(".")]
+
+
+def link_share():
+    """The data files of `bow`, which editable installations leave out: links into the sources, so that edits count."""
+    links = {
+        "share/ament_index/resource_index/packages/bow": "resource/bow",
+        "share/bow/package.xml": "package.xml",
+        "share/bow/launch": "launch",
+        "share/bow/config": "config",
+    }
+    for name in os.listdir(os.path.join(ROOT, "resource", "lib")):
+        if name != "node":
+            links["lib/bow/" + name] = "resource/lib/node"
+    for link, source in links.items():
+        place = os.path.join(VENV, link)
+        target = os.path.relpath(os.path.join(ROOT, source), os.path.dirname(place))
+        if os.path.islink(place) and os.readlink(place) == target:
+            continue
+        os.makedirs(os.path.dirname(place), exist_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(place)
+        os.symlink(target, place)
+
+
+def base_python():
+    """The Python below any virtual environment that this one may be in."""
+    return os.path.realpath(getattr(sys, "_base_executable", None) or sys.executable)
+
+
+def sync(uv, tests):
+    home = {"python": base_python(), "version": platform.python_version(), "place": ROOT}
+    wanted = {part: fingerprint(paths) for part, paths in INPUTS.items() if tests or part != "test tools"}
+    record = read_record()
+    if record.get("home") != home or not os.path.exists(PYTHON):
+        if record:
+            say("Python or the place of this folder changed: making .venv anew")
+        elif os.path.exists(STARTED):
+            say("the last set-up did not come to its end: making .venv anew")
+        create(uv, home)
+        record = {"home": home, "parts": {}}
+    parts = record["parts"]
+    if "test tools" in parts and "test tools" not in wanted:
+        wanted["test tools"] = fingerprint(INPUTS["test tools"])  # once there, they follow the others
+    due = [part for part in wanted if parts.get(part) != wanted[part]]
+    reused = [part for part in wanted if part not in due]
+    if reused:
+        say("reusing .venv: " + ", ".join(reused))
+    if due:
+        say("installing with {}: {}".format("uv" if uv else "pip", ", ".join(due)))
+        open(STARTED, "w").close()
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(RECORD)  # from here on an interruption leaves no record, so the next run starts from nothing
+        arguments = []
+        if "bow_msgs" in due:
+            arguments += ["./msg_defs"] + (["--reinstall-package", "bow_msgs"] if uv else [])
+        if "bow" in due or "test tools" in due:
+            arguments += [*requirements(), "--editable", "."]
+        if "test tools" in due:
+            arguments += ["--requirement", "requirements-dev.txt"]
+        install(uv, arguments, "installing " + ", ".join(due))
+        parts.update(wanted)
+    link_share()
+    write_record(record)
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(STARTED)
+    return record
+
+
+def warm(record):
+    """Compile the kernels once, here, and not in every simulator at the same time."""
+    if not os.path.exists(os.path.join(ROOT, "bow_sim", "warm.py")):
+        return
+    stamp = kernel_stamp()
+    if record.get("kernels") == stamp:
+        say("reusing the compiled kernels")
+        return
+    run([PYTHON, "-m", "bow_sim.warm"], "compiling the kernels")
+    record["kernels"] = stamp
+    write_record(record)
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Make or refresh .venv.")
+    parser.add_argument("--tests", action="store_true", help="with what `make test` needs")
+    parser.add_argument("--this-python", action="store_true", help="with this very Python, whatever .venv has now")
+    options = parser.parse_args()
+    made_with = read_record().get("home", {}).get("python")
+    if made_with and made_with != base_python() and not options.this_python and os.path.exists(made_with):
+        os.execv(made_with, [made_with, *sys.argv])  # python3 may have changed its meaning; .venv is good as it is
+    uv = shutil.which("uv")
+    check_machine(uv)
+    os.chdir(ROOT)
+    lock = os.open(ROOT, os.O_RDONLY)  # one set-up at a time; the lock ends with this process
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        say("waiting for another set-up in this folder")
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    warm(sync(uv, options.tests))
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except KeyboardInterrupt:
+        stop("interrupted; the next run starts anew")
