@@ -15,7 +15,7 @@ unexport LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION RMW_IMPLEMENT
 help:
 	@echo 'make sweep       set up, then run the recorded basin map fig11d (more: make sweep ARGS="--view")'
 	@echo 'make test        set up, then lint, types and all tests'
-	@echo 'make setup       only the environment, .venv (make setup PYTHON=python3.12 for another Python)'
+	@echo 'make setup       only the environment, .venv (PYTHON=python3.12 for another Python, UV=no for pip)'
 	@echo 'make test-fast   set up, then lint, types and the fast tests'
 	@echo 'make bench       kernel and graph against peers'
 	@echo 'make format      put the sources into the house format'

@@ -3,6 +3,7 @@
 The bridge force x is averaged over one period of the Schelleng ripples, bow-bridge-bow, and differentiated; together
 y[t] = x[t] - x[t - d], d the ripple period: a corner that passes raises a pulse of width d and about height v_b/beta.
 A corner is the onset of |y| above the threshold, either sign, armed again when y falls below it or changes sign.
+All in float32, as the stream is: eight samples at a time.
 """
 
 from __future__ import annotations
@@ -13,7 +14,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bow_sim.simd import LANES, absolute, bits_of, load
+
 from .slips import NEIGHBOURS
+
+_FACTORS = np.concatenate([[1.0], NEIGHBOURS])
+
+_ONES = np.array([number.bit_count() for number in range(256)], np.uint8)
+"""Bits set in a byte."""
 
 
 class Corners(NamedTuple):
@@ -33,32 +41,37 @@ class Corners(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _onsets(y, level):
-    """Return how often |y| comes to exceed `level` with a sign that it had not, above `level`, one sample before.
+def _onsets(now, before, level):
+    """Return, as a byte, where eight samples of y begin to exceed the level, with either sign.
 
-    Armed means no more than that: whether the sample before was above with the same sign. No state but y is needed.
+    Armed means no more than that the sample before was not above the level with the same sign: y is all the state.
     """
-    before, now = y[:-1], y[1:]
-    count = 0
-    for t in range(now.shape[0]):
-        count += ((now[t] > level) & (not before[t] > level)) | ((now[t] < -level) & (not before[t] < -level))
-    return count
+    return bits_of(((now > level) & (before <= level)) | ((now < -level) & (before >= -level)))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _corners(record, start, delay, level, neighbours, number, sure):
-    size = record.shape[1] - start + 1  # from one sample before the window on
-    y = np.empty(size)
+def _corners(record, start, delay, level, factors, number, sure):
+    end = record.shape[1]
+    levels = np.empty(factors.shape[0], np.float32)
+    tally = np.empty(factors.shape[0], np.int64)
     for i in range(record.shape[0]):
-        now, earlier = record[i, start - 1 :], record[i, start - 1 - delay :]
-        for t in range(size):
-            y[t] = np.float64(now[t]) - np.float64(earlier[t])
-        onsets = _onsets(y, level[i])
+        levels[:] = factors * level[i]
+        lowest = levels.min()
+        tally[:] = 0
+        row = i * end
+        for group in range(start, end, LANES):
+            first = min(group, end - LANES)  # the last group goes back over samples that are already counted
+            at = row + first
+            now = load(record, at) - load(record, at - delay)
+            if bits_of(absolute(now) > lowest):  # most groups lie below every level: no onset there
+                before = load(record, at - 1) - load(record, at - 1 - delay)
+                for k in range(levels.shape[0]):
+                    tally[k] += _ONES[_onsets(now, before, levels[k]) >> (group - first)]
+        number[i] = tally[0]
         same = 0
-        for k in range(neighbours.shape[0]):
-            same += int(_onsets(y, neighbours[k] * level[i]) == onsets)
-        number[i] = onsets
-        sure[i] = same / neighbours.shape[0]
+        for k in range(1, tally.shape[0]):
+            same += int(tally[k] == tally[0])
+        sure[i] = same / (tally.shape[0] - 1)
 
 
 def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[np.float64]) -> Corners:
@@ -68,7 +81,7 @@ def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[
     ----------
     record
         (cells, start + samples) bridge force; the window is ``record[:, start:]``, what precedes it came before
-        (0 before t = 0).
+        (0 before t = 0). At least 8 samples.
     start
         Samples before the window, at least `delay` + 1: the sample before the window tells what is no onset.
     delay
@@ -79,11 +92,13 @@ def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[
     Raises
     ------
     ValueError
-        Where the record does not reach far enough back.
+        Where the record does not reach far enough back, or the window is too short.
     """
-    if not 0 < delay < start < record.shape[1]:
-        raise ValueError(f"record {record.shape}, window from {start}: should begin more than {delay} samples earlier")
+    if not 0 < delay < start <= record.shape[1] - LANES:
+        raise ValueError(
+            f"record {record.shape}, window from {start}: needs more than {delay} samples before it and {LANES} in it"
+        )
     cells = record.shape[0]
     result = Corners(np.empty(cells, np.uint16), np.empty(cells))
-    _corners(record, start, delay, level, NEIGHBOURS, *result)
+    _corners(np.ascontiguousarray(record), start, delay, level, _FACTORS, *result)
     return result

@@ -99,6 +99,7 @@ class BlockJudge:
         self._height = v_b * geometry.period / geometry.bow_bridge  # v_b/beta: the flyback of Helmholtz motion
         self._corner = thresholds.corner * self._height
         self._slip = thresholds.slip * v_b * geometry.period
+        self._gap = thresholds.cluster * geometry.bow_bridge
         self._lags = thresholds.lags(geometry.period)
         self._start = max(self._lags[1], geometry.bow_bridge) + 1
         self._record = np.zeros((cells, self._start + geometry.samples), np.float32)
@@ -122,7 +123,7 @@ class BlockJudge:
         window = (len(self._record), self._geometry.samples)
         if bridge_force.shape != window:
             raise ValueError(f"bridge force {bridge_force.shape}: should be (cells, samples) = {window}")
-        slipped, self._unfinished = slips(intervals, window[1], self._slip, self._unfinished)
+        slipped, self._unfinished = slips(intervals, window[1], self._slip, self._gap, self._unfinished)
         record, start = self._record, self._start
         record[:, :start] = record[:, -start:]
         record[:, start:] = bridge_force
@@ -132,6 +133,7 @@ class BlockJudge:
             periodic.correlation,
             periodic.period,
             slipped.number,
+            slipped.clusters,
             turned.number,
             periodic.deviation / self._height,
             slipped.sure * turned.sure,
@@ -139,11 +141,3 @@ class BlockJudge:
             self._thresholds,
         )
         return Judgement(periodic.correlation, periodic.period, slipped.number, turned.number, regime, confidence)
-
-
-def warm() -> None:
-    """Compile the tests, or load them from the cache (some 5 s, or 0.3 s), so that the first chunk need not wait."""
-    geometry = Geometry(period=139, bow_bridge=15, samples=695)
-    none = np.zeros(0, np.uint32)
-    intervals = Intervals(np.zeros(1, np.uint8), np.zeros(2, np.uint32), none, none, np.zeros(0))
-    BlockJudge(geometry, Thresholds(), 1).judge(np.zeros((1, 695), np.float32), intervals)

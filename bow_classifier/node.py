@@ -15,8 +15,8 @@ from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
 from bow_sim.ros import LATCHED, STREAM, BowNode, RCLError, live
 
-from .judge import warm
 from .stream import Classifier
+from .warm import warm
 
 HELP = """
 usage: ros2 run bow classifier [--ros-args -r __ns:=/bow/RUN]

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bow_sim.simd import LANES, load, spread, store
+from bow_sim.simd import LANES, choose, load, root, spread, store
 
 _CONSTANT = 1e-13
 """A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""
@@ -70,21 +70,43 @@ def _products(x, begin, n, lag, products):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _coefficient(product, mean, variation, total_b, square_b, floor, one_nth):
-    """Return a Pearson coefficient from sums over n samples; NaN where a window is constant."""
-    variation_b = square_b - total_b * total_b * one_nth
-    if not (variation > 0.0 and variation_b > _CONSTANT * max(square_b, floor)):
-        return np.nan
-    return (product - mean * total_b) / np.sqrt(variation * variation_b)
+def _slide(x, begin, n, first, last, total, square, totals, squares):
+    """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
+
+    `total` and `square` are those of lag n; at other lags they follow sample by sample.
+    """
+    up, up_square = total, square
+    for lag in range(n, last + 1):
+        totals[last - lag], squares[last - lag] = up, up_square
+        enters, leaves = x[begin - lag - 1], x[begin - lag - 1 + n]
+        up += enters - leaves
+        up_square += (enters - leaves) * (enters + leaves)
+    for lag in range(n - 1, first - 1, -1):
+        enters, leaves = x[begin - lag - 1 + n], x[begin - lag - 1]
+        total += enters - leaves
+        square += (enters - leaves) * (enters + leaves)
+        totals[last - lag], squares[last - lag] = total, square
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _correlations(x, start, windows, n, first, last, products, r):
-    """Write the correlations at lags first ... last to r; return the sums of x and of x squared over all windows.
+def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
+    """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
+    for i in range(0, r.shape[0], LANES):
+        total, square = load(totals, i), load(squares, i)
+        variation_b = square - total * total * one_nth
+        varies = (variation_b > square * _CONSTANT) & (variation_b > spread(floor * _CONSTANT))
+        coefficient = (load(products, i) - total * mean) / root(variation_b * variation)
+        store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _correlations(x, start, windows, n, first, last, sums, r):
+    """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
     They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
-    the window before: its sums are known, and those at other lags follow from them sample by sample.
+    the window before, whose sums are known.
     """
+    products, totals, squares = sums
     r[:] = 0.0
     one_nth = 1.0 / n  # divisions would take a third of the time
     sum_total, sum_square = 0.0, 0.0
@@ -92,27 +114,12 @@ def _correlations(x, start, windows, n, first, last, products, r):
     for w in range(windows):
         begin = start + w * n
         total, square = _moments(x, begin, n)
-        mean = total * one_nth
-        variation = square - total * mean
+        variation = square - total * total * one_nth
         if not variation > _CONSTANT * square:
-            variation = 0.0
+            variation = np.nan
         _products(x, begin, n, last, products)
-        b, total_b, square_b = begin - n, earlier, earlier_square
-        for lag in range(n, last + 1):
-            product = products[last - lag]
-            r[lag - first] += _coefficient(product, mean, variation, total_b, square_b, earlier_square, one_nth)
-            b -= 1
-            enters, leaves = x[b], x[b + n]
-            total_b += enters - leaves
-            square_b += (enters - leaves) * (enters + leaves)
-        b, total_b, square_b = begin - n, earlier, earlier_square
-        for lag in range(n - 1, first - 1, -1):
-            enters, leaves = x[b + n], x[b]
-            b += 1
-            total_b += enters - leaves
-            square_b += (enters - leaves) * (enters + leaves)
-            product = products[last - lag]
-            r[lag - first] += _coefficient(product, mean, variation, total_b, square_b, earlier_square, one_nth)
+        _slide(x, begin, n, first, last, earlier, earlier_square, totals, squares)
+        _add_coefficients(products, total * one_nth, variation, totals, squares, earlier_square, one_nth, r)
         earlier, earlier_square = total, square
         sum_total += total
         sum_square += square
@@ -123,7 +130,7 @@ def _correlations(x, start, windows, n, first, last, products, r):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _best_maximum(r):
-    """Return height and place (in lags from the first) of the largest interior maximum; NaN where there is none."""
+    """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = np.nan, np.nan
     for i in range(1, r.shape[0] - 1):
         j = i + 1
@@ -142,18 +149,20 @@ def _best_maximum(r):
 def _periodicity(record, start, period, first, last, correlation, place, deviation):
     samples = record.shape[1] - start
     before = last + 1  # the sums slide one sample beyond the last lag
-    r = np.empty(last - first + 1)
-    products = np.empty(-(-r.shape[0] // LANES) * LANES)
-    x = np.zeros(before + samples + products.shape[0] + 8)
+    lags = last - first + 1
+    width = -(-lags // LANES) * LANES
+    r = np.empty(width)
+    sums = np.zeros(width), np.zeros(width), np.zeros(width)
+    x = np.zeros(before + samples + width)
     for i in range(record.shape[0]):
         level = np.float64(record[i, start])  # near the mean: the sums then cancel less
         row = record[i, start - before :]
         for t in range(row.shape[0]):
             x[t] = np.float64(row[t]) - level
-        total, square = _correlations(x, before, samples // period, period, first, last, products, r)
-        height, at = _best_maximum(r)
+        total, square = _correlations(x, before, samples // period, period, first, last, sums, r)
+        height, at = _best_maximum(r[:lags])
         correlation[i] = height
-        place[i] = first + at
+        place[i] = last - at
         deviation[i] = np.sqrt(max(0.0, square - total * total / samples) / samples)
 
 

@@ -37,11 +37,12 @@ HELMHOLTZ = 1
 """All three tests pass: periodic, five significant slips and five corners in five periods (section III.B)."""
 
 MULTIPLE_SLIP = 2
-"""Periodic, with two or more significant slips a period, to the nearest whole number (section III.B, "double slip")."""
+"""Periodic, with two or more significant slips a period, to the nearest whole number, and no multiple flyback."""
 
 MULTIPLE_FLYBACK = 3
-"""Periodic, one significant slip a period, and at least one period with a cluster of flybacks: clusters are odd, so
-there are two corners or more beyond the slips. Regular clusters show as 3, 5, 7 corners a period (section III.B)."""
+"""Periodic, three or more corners a period, to the nearest whole number, and one significant slip a period or one
+cluster of them: in place of the single flyback there are 3, 5, 7 or more, closely spaced (section IV.A). The string may
+stick between them; sticks within a cluster are no longer than the threshold *cluster*."""
 
 OTHER_PERIODIC = 4
 """Periodic and none of the above: Raman's higher types, S-motion, counts at odds at the window's borders."""
@@ -81,6 +82,13 @@ class Thresholds:
     )
     lag_last: float = _threshold(
         1.043, 1, 5, "period", "longest lag searched, to the nearest sample: 145 of 139 (flattening by hysteresis)"
+    )
+    cluster: float = _threshold(
+        1.5,
+        0,
+        100,
+        "beta period",
+        "longest stick within a cluster of slips: flybacks follow at the ripple period or less",
     )
     silence: float = _threshold(
         0.02, 0, 1, "v_b/beta", "r.m.s. bridge force of no oscillation; a Helmholtz sawtooth of height 1 has 0.29"
@@ -175,7 +183,7 @@ class Decision(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _regime(correlation, period, slips, corners, loudness, window, least, silence):
+def _regime(correlation, period, slips, clusters, corners, loudness, window, least, silence):
     """Return the code of one cell; the rule of section III.B, and what it is called where it fails."""
     periodic = correlation > least  # NaN, no interior maximum, is no period either
     if periodic and slips == CHUNK_PERIODS and corners == CHUNK_PERIODS:
@@ -185,10 +193,10 @@ def _regime(correlation, period, slips, corners, loudness, window, least, silenc
     if not periodic:
         return APERIODIC
     slips_a_period = round(slips * period / window)
+    if (slips_a_period == 1 or round(clusters * period / window) == 1) and round(corners * period / window) >= 3:
+        return MULTIPLE_FLYBACK
     if slips_a_period >= 2:
         return MULTIPLE_SLIP
-    if slips_a_period == 1 and corners >= slips + 2:
-        return MULTIPLE_FLYBACK
     return OTHER_PERIODIC
 
 
@@ -207,9 +215,11 @@ def _confidence(regime, correlation, loudness, sure, least, silence):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _decide(correlation, period, slips, corners, loudness, sure, window, least, silence, regime, confidence):
+def _decide(correlation, period, slips, clusters, corners, loudness, sure, window, least, silence, regime, confidence):
     for i in range(correlation.shape[0]):
-        regime[i] = _regime(correlation[i], period[i], slips[i], corners[i], loudness[i], window, least, silence)
+        regime[i] = _regime(
+            correlation[i], period[i], slips[i], clusters[i], corners[i], loudness[i], window, least, silence
+        )
         confidence[i] = _confidence(regime[i], correlation[i], loudness[i], sure[i], least, silence)
 
 
@@ -217,6 +227,7 @@ def decide(
     correlation: NDArray[np.float32],
     period: NDArray[np.float32],
     slips: NDArray[np.uint16],
+    clusters: NDArray[np.uint16],
     corners: NDArray[np.uint16],
     loudness: NDArray[np.float64],
     sure: NDArray[np.float64],
@@ -234,8 +245,8 @@ def decide(
     ----------
     correlation, period
         (cells,) as published, so that a reader of verdicts finds the rule kept; period in samples; NaN for none.
-    slips, corners
-        (cells,) counts in the window.
+    slips, clusters, corners
+        (cells,) counts in the window: significant slips, those that begin a cluster, corners.
     loudness
         (cells,) r.m.s. deviation of the bridge force from its mean over the window, in v_b/beta.
     sure
@@ -251,6 +262,7 @@ def decide(
         correlation,
         period,
         slips,
+        clusters,
         corners,
         loudness,
         sure,

@@ -3,6 +3,9 @@
 A slip is significant when the slip speed, integrated over the whole interval, exceeds a threshold: a whole Helmholtz
 slip gives v_b N, the slips of Schelleng ripples at the moment of release a few percent of it. A slip counts in the
 window in which it ends, with all of its integral, also what came before.
+
+Significant slips with only a short stick between them are a cluster: the flybacks of multiple flyback motion, which
+the paper describes as closely spaced (section IV.A), are often slips of their own.
 """
 
 from __future__ import annotations
@@ -15,6 +18,8 @@ from numpy.typing import NDArray
 
 NEIGHBOURS = np.array([0.8, 0.9, 1.1, 1.2])
 """Factors of a threshold under which a count should stay the same if it is to be trusted."""
+
+_NEVER = np.int64(-(2**62))
 
 _FACTORS = np.concatenate([[1.0], NEIGHBOURS])
 
@@ -48,52 +53,97 @@ class Slips(NamedTuple):
     ----------
     number
         (cells,) uint16: significant slips that end in the window.
+    clusters
+        (cells,) uint16: those of them that begin a cluster.
     sure
         (cells,) float64, 0 ... 1: share of neighbouring thresholds (`NEIGHBOURS` times the threshold) under which the
         count is the same.
     """
 
     number: NDArray[np.uint16]
+    clusters: NDArray[np.uint16]
     sure: NDArray[np.float64]
 
 
 class Unfinished(NamedTuple):
-    """The slip that goes on at the end of a chunk: `slipping` (cells,) bool, and `slip` (cells,), its sum so far."""
+    """What a chunk leaves to the next one; samples count from the next one's first.
+
+    Attributes
+    ----------
+    slipping
+        (cells,) bool: a slip goes on.
+    slip
+        (cells,) float64: its sum so far.
+    onset
+        (cells,) int64, samples: where it began.
+    ended
+        (cells,) int64, samples: first sticking sample after the latest significant slip.
+    """
 
     slipping: NDArray[np.bool_]
     slip: NDArray[np.float64]
+    onset: NDArray[np.int64]
+    ended: NDArray[np.int64]
 
     @classmethod
     def none(cls, cells: int) -> Unfinished:
-        """Return the state at the start: the string sticks."""
-        return cls(np.zeros(cells, bool), np.zeros(cells))
+        """Return the state at the start: the string sticks and never slipped."""
+        return cls(np.zeros(cells, bool), np.zeros(cells), np.zeros(cells, np.int64), np.full(cells, _NEVER))
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _end(total, level, factors, tally):
-    """Count a slip that has ended, under every factor of the threshold."""
+    """Count a slip that has ended, under every factor of the threshold; return whether it is significant."""
     for j in range(factors.shape[0]):
         tally[j] += int(total > factors[j] * level)
+    return total > level
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _slips(offsets, onset, duration, slip, samples, level, factors, slipping, unfinished, number, sure):
+def _slips(
+    offsets,
+    onset,
+    duration,
+    slip,
+    samples,
+    level,
+    gap,
+    factors,
+    slipping,
+    unfinished,
+    began,
+    ended,
+    number,
+    clusters,
+    sure,
+):
     tally = np.empty(factors.shape[0], np.int64)
     for i in range(level.shape[0]):
         begin, end = offsets[i], offsets[i + 1]
-        goes_on, total = slipping[i], unfinished[i]
+        goes_on, total, start, last = slipping[i], unfinished[i], began[i], ended[i]
         tally[:] = 0
+        apart = 0
         if goes_on and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
-            _end(total, level[i], factors, tally)
+            if _end(total, level[i], factors, tally):
+                apart += int(start - last > gap)
+                last = 0
             goes_on = False
         for k in range(begin, end):
-            total = total + slip[k] if goes_on else slip[k]
-            goes_on = onset[k] + duration[k] == samples
-            if not goes_on:
-                _end(total, level[i], factors, tally)
+            if goes_on:
+                total += slip[k]
+            else:
+                total, start = slip[k], onset[k]
+            stop = onset[k] + duration[k]
+            goes_on = stop == samples
+            if not goes_on and _end(total, level[i], factors, tally):
+                apart += int(start - last > gap)
+                last = stop
         slipping[i] = goes_on
         unfinished[i] = total if goes_on else 0.0
+        began[i] = start - samples if goes_on else 0
+        ended[i] = max(last - samples, _NEVER)
         number[i] = tally[0]
+        clusters[i] = apart
         same = 0
         for j in range(1, factors.shape[0]):
             same += int(tally[j] == tally[0])
@@ -101,9 +151,9 @@ def _slips(offsets, onset, duration, slip, samples, level, factors, slipping, un
 
 
 def slips(
-    intervals: Intervals, samples: int, level: NDArray[np.float64], before: Unfinished
+    intervals: Intervals, samples: int, level: NDArray[np.float64], gap: float, before: Unfinished
 ) -> tuple[Slips, Unfinished]:
-    """Return the significant slips that end in a chunk, for every cell, and what goes on at its end.
+    """Return the significant slips that end in a chunk, for every cell, and what it leaves.
 
     Parameters
     ----------
@@ -113,8 +163,10 @@ def slips(
         Length of the chunk, which is the window.
     level
         (cells,) threshold of the integrated slip, in samples times bow speed.
+    gap
+        Samples: two significant slips with a longer stick between them belong to different clusters.
     before
-        The slips that went on at the end of the chunk before.
+        What the chunk before left.
 
     Raises
     ------
@@ -126,8 +178,8 @@ def slips(
         state = "slips" if before.slipping[wrong[0]] else "sticks"
         raise ValueError(f"row {wrong[0]}: the string {state} at the end of the chunk before, not so this one says")
     cells = len(level)
-    result = Slips(np.empty(cells, np.uint16), np.empty(cells))
-    after = Unfinished(before.slipping.copy(), before.slip.copy())
+    result = Slips(np.empty(cells, np.uint16), np.empty(cells, np.uint16), np.empty(cells))
+    after = Unfinished._make(array.copy() for array in before)
     _slips(
         intervals.offsets.astype(np.int64),
         intervals.onset.astype(np.int64),
@@ -135,6 +187,7 @@ def slips(
         intervals.slip.astype(np.float64),  # astype copies: views of a message may be unaligned
         samples,
         level,
+        gap,
         _FACTORS,
         *after,
         *result,

@@ -188,7 +188,8 @@ class Classifier:
         WireError, Refused
             Where it is not a message of this sweep.
         """
-        seen = wire.peek(name, data)
+        values = wire.unseal(name, data)
+        seen = wire.identity(values)
         where = f"{name} of block {seen.block}, chunk {seen.chunk}"
         if self.task is None:
             raise Refused(f"{where}: no sweep is open")
@@ -198,7 +199,6 @@ class Classifier:
             raise Refused(f"{where}: the sweep has {self.task.blocks} blocks of {self.task.chunks} chunks")
         if seen.block in self._settled:
             raise Refused(f"{where}: the block is settled")
-        values = wire.unseal(name, data)
         cells = self.task.block(seen.block)
         if not np.array_equal(values["cells"], cells):
             raise Refused(f"{where}: its cells are not those of the block, {cells[0]} ... {cells[-1]}")

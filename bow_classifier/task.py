@@ -19,7 +19,7 @@ from .judge import Geometry
 from .regime import Thresholds
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Task:
     """The judging of one sweep.
 

@@ -14,7 +14,7 @@ LIMIT = 32
 """Chunks under way at most: about 11 MB of bridge force at 128 cells a block."""
 
 RESEND_S = 2.0
-"""Without any answer for this long, while both consumers are alive, the unanswered chunks are sent again."""
+"""A block without any answer for this long, while both consumers are alive, has its unanswered chunks sent again."""
 
 Key = tuple[int, int]
 """A chunk of the sweep: (block, chunk)."""
@@ -39,7 +39,7 @@ class Window:
     def __init__(self, limit: int = LIMIT) -> None:
         self.limit = limit
         self._sent: dict[Key, _Sent] = {}
-        self._quiet_since = 0.0
+        self._quiet_since: dict[int, float] = {}
 
     def __len__(self) -> int:
         return len(self._sent)
@@ -51,8 +51,7 @@ class Window:
 
     def sent(self, key: Key, messages: Iterable[bytes], now: float) -> None:
         """Note that a chunk has been published at `now` (seconds)."""
-        if not self._sent:
-            self._quiet_since = now
+        self._quiet_since.setdefault(key[0], now)
         self._sent[key] = _Sent(tuple(messages))
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
@@ -62,9 +61,11 @@ class Window:
             return False
         entry.receipted |= receipted
         entry.judged |= judged
-        self._quiet_since = now
+        self._quiet_since[key[0]] = now
         if entry.receipted and entry.judged:
             del self._sent[key]
+            if not any(block == key[0] for block, _ in self._sent):
+                del self._quiet_since[key[0]]
             return True
         return False
 
@@ -72,10 +73,10 @@ class Window:
         """Forget the chunks of `blocks`, or all: nobody will answer for them."""
         gone = None if blocks is None else set(blocks)
         self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
+        self._quiet_since = {key[0]: self._quiet_since[key[0]] for key in self._sent}
 
     def overdue(self, now: float) -> list[tuple[bytes, ...]]:
-        """Return what to publish again, in order, after `RESEND_S` without an answer; starts the wait anew."""
-        if not self._sent or now - self._quiet_since < RESEND_S:
-            return []
-        self._quiet_since = now
-        return [entry.messages for entry in self._sent.values()]
+        """Return what to publish again, in order: all of each block that is quiet; its wait starts anew."""
+        quiet = {block for block, since in self._quiet_since.items() if now - since >= RESEND_S}
+        self._quiet_since.update(dict.fromkeys(quiet, now))
+        return [entry.messages for key, entry in self._sent.items() if key[0] in quiet]

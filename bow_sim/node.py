@@ -39,8 +39,12 @@ It takes work once a recorder and a classifier of that namespace listen to its s
 IN_HAND = 2
 """Goals held at most: one being computed, one waiting."""
 
-REST_EVERY = 64
-"""Chunks between two looks at whether every subscriber still acknowledges; bounds what a stopped one can pile up."""
+ASK_EVERY = 8 << 20
+"""Bytes between two looks at whether every subscriber has acknowledged."""
+
+UNACKNOWLEDGED = 64 << 20
+"""Bytes that a subscriber which no longer acknowledges may pile up here, then publishing waits: credit does not see
+the endpoint of a killed consumer, which DDS keeps for some 20 s, nor a stopped third party."""
 
 CONSUMERS = ("recorder", "classifier")
 
@@ -73,7 +77,8 @@ class SimulatorNode(BowNode):
         self._consumers: dict[str, tuple[str, float]] = {}
         self._met: dict[str, set[bytes]] = {}
         self._waiting_for: dict[str, set[bytes]] = {role: set() for role in CONSUMERS}
-        self._leaving = False
+        self._leaving = threading.Event()
+        self._unacknowledged, self._ask_at = 0, ASK_EVERY
 
         self._force = self.create_publisher(BridgeForce, "bridge_force", STREAM)
         self._slips = self.create_publisher(StickSlip, "stick_slip", STREAM)
@@ -141,10 +146,7 @@ class SimulatorNode(BowNode):
             run = (message.run_id, message.sweep_id)
             if run != self._run:
                 self._run, self._epoch = run, 0
-                self._window.drop()
-            if message.epoch > self._epoch:
-                self._epoch = message.epoch
-                self._window.drop()
+            self._enter(message.epoch)
             states = np.asarray(message.block_states)
             self._settled = set(np.flatnonzero(states != Plan.OUTSTANDING).tolist())
             self._window.drop(self._settled)
@@ -154,6 +156,12 @@ class SimulatorNode(BowNode):
             self._run = ("", "")
         elif self.health.run_id != message.run_id:
             self.become(Health.STARTING, "a sweep opens", message.run_id)
+
+    def _enter(self, epoch: int) -> None:
+        """Begin a newer epoch, told by a plan or a goal: nobody waits for what was sent in older ones."""
+        if epoch > self._epoch:
+            self._epoch, self._held = epoch, 0
+            self._window.drop()
 
     # ---- answers
 
@@ -190,6 +198,8 @@ class SimulatorNode(BowNode):
         if why:
             self.get_logger().warning(f"block {goal.block}, attempt {goal.attempt} rejected: {why}")
             return GoalResponse.REJECT
+        with self._lock:
+            self._enter(goal.epoch)
         self._held += 1
         return GoalResponse.ACCEPT
 
@@ -203,7 +213,7 @@ class SimulatorNode(BowNode):
             return f"epoch {goal.epoch} is over, this is epoch {self._epoch}"
         if goal.fingerprint != self._fingerprint:
             return f"kernel {goal.fingerprint} was asked for, this one is {self._fingerprint}: results could differ"
-        if self._held >= IN_HAND:
+        if self._held >= IN_HAND and goal.epoch == self._epoch:
             return f"already holds {self._held} blocks"
         lengths = {name: len(getattr(goal, name)) for name in ("cells", "x", "y")}
         if len(set(lengths.values())) != 1 or not lengths["cells"]:
@@ -232,7 +242,7 @@ class SimulatorNode(BowNode):
             goal_handle.succeed()
         else:
             goal_handle.abort()
-        self._held -= 1
+        self._held -= goal_handle.request.epoch == self._epoch
         if not self._held and self.health.state == Health.BUSY:
             self.become(Health.READY)
         return result
@@ -240,7 +250,7 @@ class SimulatorNode(BowNode):
     # ---- the worker
 
     def _work(self) -> None:
-        while not self._leaving:
+        while not self._leaving.is_set():
             try:
                 goal_handle = self._goals.get(timeout=0.5)
             except queue.Empty:
@@ -249,7 +259,7 @@ class SimulatorNode(BowNode):
             try:
                 goal_handle.bow_outcome = self._compute(goal_handle)
             except Exception as error:
-                if self._leaving:
+                if self._leaving.is_set():
                     return
                 self.get_logger().error(f"block {goal_handle.request.block}: {error!r}")
                 goal_handle.bow_outcome = (Simulate.Result(), False)
@@ -258,7 +268,7 @@ class SimulatorNode(BowNode):
     def _void(self, goal_handle: Any) -> bool:
         goal = goal_handle.request
         return (
-            self._leaving
+            self._leaving.is_set()
             or goal_handle.is_cancel_requested
             or goal.epoch < self._epoch
             or goal.run_id != self._run[0]
@@ -318,20 +328,26 @@ class SimulatorNode(BowNode):
 
     def _publish(self, messages: Sequence[bytes]) -> None:
         for publisher, message in zip((self._force, self._slips), messages, strict=True):
-            publish_surely(self, publisher, message, lambda: self._leaving)
+            publish_surely(self, publisher, message, self._leaving.is_set)
             self.health.bytes += len(message)
+            self._unacknowledged += len(message)
         self.health.messages += len(messages)
-        if self.health.messages % (2 * REST_EVERY) == 0:
-            self._rest(self._force)
+        if self._unacknowledged >= self._ask_at:
+            self._await_acknowledgement(self._force)
 
-    def _rest(self, publisher: Publisher) -> None:
-        """Wait until every subscriber has acknowledged; a stopped one must not pile up memory here."""
-        for attempt in itertools.count(1):
-            if self._leaving or publisher.wait_for_all_acked(Duration(seconds=1)):
+    def _await_acknowledgement(self, publisher: Publisher) -> None:
+        """Look whether every subscriber has acknowledged; wait for it once too much has piled up."""
+        for seconds in itertools.count():
+            if self._leaving.is_set() or publisher.wait_for_all_acked(Duration(seconds=1 if seconds else 0)):
+                self._unacknowledged, self._ask_at = 0, ASK_EVERY
                 return
-            listeners = self.get_subscriptions_info_by_topic(publisher.topic_name)
-            names = ", ".join(sorted({i.node_name for i in listeners}))
-            self.get_logger().warning(f"{publisher.topic_name}: a subscriber hangs for {attempt} s, one of {names}")
+            if self._unacknowledged < UNACKNOWLEDGED:
+                self._ask_at = self._unacknowledged + ASK_EVERY
+                return
+            if seconds % 5 == 1:
+                listeners = self.get_subscriptions_info_by_topic(publisher.topic_name)
+                names = ", ".join(sorted({i.node_name for i in listeners}))
+                self.get_logger().warning(f"{publisher.topic_name}: a subscriber hangs, one of {names}")
 
     def _show(self, values: Mapping[str, Any], output: ChunkResult) -> None:
         inspected = set(self.get_parameter("inspect").value or ())
@@ -342,7 +358,7 @@ class SimulatorNode(BowNode):
 
     def close(self) -> None:
         """Stop the worker; what it has not finished the coordinator gives to another."""
-        self._leaving = True
+        self._leaving.set()
         with self._lock:
             self._lock.notify_all()
         self._worker.join(5.0)

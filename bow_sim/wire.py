@@ -174,7 +174,7 @@ class _Writer:
             array = np.ascontiguousarray(value, dtype=np.dtype(kind[:-2]).newbyteorder("<")).reshape(-1)
             self.raw(struct.pack("<I", array.size), 4)
             if array.size:
-                self.raw(memoryview(array).cast("B"), array.itemsize)
+                self.raw(array.view(np.uint8).data, array.itemsize)
         else:
             scalar = np.dtype(kind).newbyteorder("<").type(value)
             self.raw(scalar.tobytes(), scalar.itemsize)

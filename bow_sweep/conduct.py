@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from bow_msgs.msg import BasinMap, Health
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -116,9 +117,9 @@ def conduct(
     if resume:
         coordinator["resume"] = str(directory)
     else:
-        settings = list(sweep.settings())
-        coordinator |= {"run_dir": str(directory), "run_id": run_id, "settings": settings}
-    parameters = {
+        spec = {"preset": sweep.preset, "settings": list(sweep.settings())}
+        coordinator |= {"run_dir": str(directory), "run_id": run_id, **spec}
+    parameters: dict[str, dict[str, object]] = {
         "coordinator": coordinator,
         "recorder": {"run_dir": str(directory)},
         "dashboard": {"run_dir": str(directory), **(dashboard or {})},
@@ -161,7 +162,7 @@ def _second_interrupt(*_: object) -> None:
     print("\nstopping the processes; a few seconds", file=sys.stderr)
 
 
-def _watch(supervisor: Supervisor, node: SupervisorNode, executor: EventsExecutor, display: Display) -> None:
+def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display) -> None:
     """Spin until the coordinator has finished; start again what dies."""
     while True:
         executor.spin_once(timeout_sec=0.05)

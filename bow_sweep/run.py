@@ -8,7 +8,9 @@ import json
 import os
 import platform
 import shutil
+import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +152,7 @@ class Run:
         entries = read_ledger(directory)
         plan = entries[0]
         try:
-            sweep = Sweep.from_spec("", plan["settings"])
+            sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
         except (ParameterError, KeyError, TypeError) as error:
             raise RunError(f"{directory / LEDGER}, line 1: {error}") from None
         if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
@@ -166,7 +168,8 @@ class Run:
 
     def record(self, entries: Iterable[Mapping[str, Any]]) -> None:
         """Append entries to the ledger file and see them on disk."""
-        lines = b"".join(json.dumps(entry).encode() + b"\n" for entry in entries)
+        at = time.time()
+        lines = b"".join(json.dumps({**entry, "at": round(at, 3)}).encode() + b"\n" for entry in entries)
         if lines:
             self._file.write(lines)
             self._file.flush()

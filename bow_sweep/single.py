@@ -6,6 +6,7 @@ import os
 import wave
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,8 @@ def save_npz(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
     """Write the waveforms and the settings as a NumPy archive, whole or not at all."""
     aside = path.with_name(f".{path.name}.part")
     with open(aside, "wb") as file:
-        np.savez_compressed(file, settings=np.array(parameters.settings()), **waveforms)
+        arrays: dict[str, Any] = {"settings": np.array(parameters.settings()), **waveforms}
+        np.savez_compressed(file, **arrays)
     os.replace(aside, path)
 
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_package import assigned, copy_sources
+from checkout import assigned, copy_sources
 
 COLCON = Path(sys.prefix, "bin", "colcon")
 OVER_THE_WHEELS = ("--cmake-args", "-DCMAKE_PROJECT_bow_msgs_INCLUDE=cmake/ros_wheels.cmake")

@@ -1,8 +1,9 @@
-"""What the packages say of themselves agrees: names, versions, dependencies, executables, in every place that has them."""
+"""What the packages say of themselves agrees: versions, dependencies and executables, in every place that has them."""
 
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import os
 import re
@@ -15,23 +16,14 @@ from typing import Any
 
 import pytest
 from catkin_pkg.package import Package, parse_package
+from checkout import ROOT, assigned, copy_sources
 
-ROOT = Path(__file__).resolve().parent.parent
 OUR_PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
 IMPORT_OF = {"pyyaml": "yaml", "rerun-sdk": "rerun"}
 """Import names that differ from the distribution's."""
 
 ROS_PYTHON = {"rclpy", "bow_msgs", "builtin_interfaces", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces"}
 ROS_PYTHON |= {"action_msgs", "rosidl_parser", "rosidl_runtime_py", "rpyutils", "unique_identifier_msgs", "launch"}
-
-
-@cache
-def assigned(name: str) -> Any:
-    """The value of a literal in setup.py."""
-    for statement in ast.parse((ROOT / "setup.py").read_text()).body:
-        if isinstance(statement, ast.Assign) and getattr(statement.targets[0], "id", "") == name:
-            return ast.literal_eval(statement.value)
-    raise AssertionError(f"setup.py has no {name}")
 
 
 @cache
@@ -44,10 +36,8 @@ def setup_arguments() -> dict[str, Any]:
     )
     arguments = {}
     for keyword in call.keywords:
-        try:
+        with contextlib.suppress(ValueError):  # not a literal
             arguments[str(keyword.arg)] = ast.literal_eval(keyword.value)
-        except ValueError:
-            pass
     return arguments
 
 
@@ -181,24 +171,3 @@ def test_a_wheel_of_bow_is_a_whole_ros_package(tmp_path: Path) -> None:
     assert set(wanted) <= set(names)
     for node in assigned("NODES"):
         assert modes[f"lib/bow/{node}"] & 0o111
-
-
-def copy_sources(target: Path) -> None:
-    """Copy what git has, or would have: no environment, no builds, no runs."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-    for name in filter(None, listed.split("\0")):
-        source = ROOT / name
-        if not source.exists():  # deleted, and not yet committed
-            continue
-        (target / name).parent.mkdir(parents=True, exist_ok=True)
-        if source.is_symlink():
-            (target / name).symlink_to(os.readlink(source))
-        else:
-            (target / name).write_bytes(source.read_bytes())
-            (target / name).chmod(source.stat().st_mode)

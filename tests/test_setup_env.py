@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from test_package import ROOT
+from checkout import ROOT
 
 SCRIPT = ROOT / "tools" / "setup_env.py"
 

@@ -158,7 +158,8 @@ def run(command, what):
             process.terminate()
             raise
     if failed:
-        stop("{} failed; the lines above say why. The next try starts anew.".format(what))
+        hint = " (make ... UV=no takes pip instead of uv)" if "pip" in command and PYTHON not in command[:1] else ""
+        stop("{} failed; the lines above say why. Mend that, and type the same command again{}.".format(what, hint))
     say("{}: done in {:.0f} s".format(what, time.monotonic() - started))
 
 
@@ -279,7 +280,7 @@ def main():
     made_with = read_record().get("home", {}).get("python")
     if made_with and made_with != base_python() and not options.this_python and os.path.exists(made_with):
         os.execv(made_with, [made_with, *sys.argv])  # python3 may have changed its meaning; .venv is good as it is
-    uv = shutil.which("uv")
+    uv = None if os.environ.get("UV") == "no" else shutil.which("uv")
     check_machine(uv)
     os.chdir(ROOT)
     lock = os.open(ROOT, os.O_RDONLY)  # one set-up at a time; the lock ends with this process

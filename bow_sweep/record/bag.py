@@ -146,7 +146,7 @@ class BagWriter:
         return self._file.pending
 
     def add(self, topic: str, data: bytes | memoryview, log_time: int) -> None:
-        """Add a message, by the full name of its topic, taken in at `log_time` (nanoseconds since 1970; never goes back).
+        """Add a message, by the full name of its topic, that came at `log_time` (nanoseconds since 1970).
 
         The time of publishing is not known: rclpy 7.1.6's EventsExecutor crashes where a callback asks for it.
         """

@@ -6,7 +6,9 @@ every time; a receipt goes out after its bytes are in the file. After a restart 
 
 from __future__ import annotations
 
+import ctypes
 import time
+from collections import deque
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -18,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 
 from bow_sim import wire
-from bow_sim.ros import STREAM, BowNode, live, publish_surely
+from bow_sim.ros import STREAM, BowNode, RCLError, live
 
 from .bag import FOLDER, BagError
 from .expected import CLOSED, OPEN, Expected
@@ -36,6 +38,9 @@ Answers on `receipts` for every chunk and verdict that is in the file.
 
 DEPTH = 1000
 """Messages kept for us on topics that are not KEEP_ALL."""
+
+RETRY_S = 0.25
+"""Between two tries to publish receipts while a subscriber hangs: publish() itself waits 0.1 s."""
 
 COMPLAINTS = 20
 """Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
@@ -73,7 +78,8 @@ class RecorderNode(BowNode):
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._over: tuple[str, int] = ("", 0)
         self._complained = 0
-        self._leaving = False
+        self._outbox: deque[bytes] = deque()
+        self._try_at = 0.0
         self._names = {name: self.resolve_topic_name(name) for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
         self._receipts = self.create_publisher(Receipt, "receipts", STREAM)
@@ -159,7 +165,8 @@ class RecorderNode(BowNode):
                         f"{file['file']} was cut off: {file['messages']} messages kept, "
                         f"{file['dropped_bytes']} bytes after the last complete chunk dropped"
                     )
-            self.become(Health.BUSY, f"records to {self._session.bag.path}", run)
+            self.become(Health.STARTING, "waiting until the coordinator listens to receipts", run)
+            self._tick()
 
     # ---- time
 
@@ -171,8 +178,19 @@ class RecorderNode(BowNode):
             return
         if session.closed:
             self._finish("the plan is closed")
-        else:
-            self._commit(session)
+            return
+        self._commit(session)
+        if self.health.state == Health.STARTING and self._heard():
+            self.become(Health.BUSY, f"records to {session.bag.path}")
+        self._publish()
+
+    def _heard(self) -> bool:
+        """Whether the coordinator's subscription has met our receipts: a volatile message before that is lost."""
+        listeners = self.get_subscriptions_info_by_topic(self._receipts.topic_name)
+        coordinators = [
+            i for i in listeners if (i.node_name, i.node_namespace) == ("coordinator", self.get_namespace())
+        ]
+        return bool(coordinators) and self._receipts.get_subscription_count() >= len(listeners)
 
     def beat(self) -> None:
         """Publish the state of this node now, with the counts of the open bag."""
@@ -191,11 +209,31 @@ class RecorderNode(BowNode):
         except OSError as error:
             self._fail(session, error)
             return
-        if message is not None:
-            publish_surely(self, self._receipts, message, lambda: self._leaving)
+        self._send(message)
         for complaint in list(session.complaints):
             self._complain(complaint)
         session.complaints.clear()
+
+    def _send(self, message: bytes | None) -> None:
+        if message is not None:
+            self._outbox.append(message)
+            self._publish()
+
+    def _publish(self) -> None:
+        """Publish the receipts that are due, in order; what cannot go out now waits. Credit bounds how many can."""
+        while self._outbox and time.monotonic() >= self._try_at:
+            try:
+                self._receipts.publish(self._outbox[0])
+            except RCLError as error:
+                self._try_at = time.monotonic() + RETRY_S
+                listeners = self.get_subscriptions_info_by_topic(self._receipts.topic_name)
+                names = ", ".join(sorted({listener.node_name for listener in listeners}))
+                self.get_logger().warning(
+                    f"{len(self._outbox)} receipts wait, one of the subscribers hangs ({names}): {error}",
+                    throttle_duration_sec=5.0,
+                )
+            else:
+                self._outbox.popleft()
 
     def _complain(self, complaint: str) -> None:
         self._complained += 1
@@ -214,8 +252,7 @@ class RecorderNode(BowNode):
         except OSError as error:
             self._fail(session, error)
             return
-        if message is not None:
-            publish_surely(self, self._receipts, message, lambda: self._leaving)
+        self._send(message)
         self._count(session)
         self.become(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
@@ -229,7 +266,6 @@ class RecorderNode(BowNode):
 
     def close(self) -> None:
         """Finish the bag; what is still under way is not answered and so will be sent again."""
-        self._leaving = True
         self._finish("the recorder was told to stop")
 
 
@@ -239,8 +275,21 @@ def _class_of(topic: Topic) -> type:
     return kind
 
 
+def keep_memory() -> None:
+    """Let the C library keep what is freed: messages of 356 kB otherwise give back and fault in their pages each time.
+
+    It saves a sixth of the recorder's CPU time. Elsewhere than on glibc nothing happens.
+    """
+    trim_threshold, mmap_threshold, kept = -1, -3, 16 << 20
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(trim_threshold, kept)
+        mallopt(mmap_threshold, kept)
+
+
 def main() -> int:
     """Entry point of ``ros2 run bow recorder``."""
+    keep_memory()
     return live(RecorderNode, description=HELP)
 
 

@@ -27,8 +27,6 @@ COMMIT_BYTES = 1 << 20
 COMMIT_S = 0.05
 """Seconds after which what has come is written, however little it is."""
 
-TABLES = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
-
 
 class AlreadyClosedError(BagError):
     """Nothing is to be done: the bag ends with this very plan."""
@@ -136,7 +134,7 @@ class Session:
     def take(self, topic: str, data: bytes, now: int) -> None:
         """Take in a message, by the key of its topic in `TOPICS`; `now` in nanoseconds since 1970."""
         try:
-            if topic in TABLES:
+            if topic in STORED_ONCE:
                 if not self._once(topic, data):
                     return
             elif topic in ("inspect", "basin_map"):
@@ -158,7 +156,7 @@ class Session:
         self.expected.check_head(head)
         known = self.inventory.checksum(topic, head.block, head.chunk)
         if known is None:
-            self.expected.check(TABLES[topic], data)
+            self.expected.check(STORED_ONCE[topic], data)
         elif known != head.checksum:
             self.complaints[
                 f"{topic}: block {head.block}, chunk {head.chunk}, attempt {head.attempt} has checksum "

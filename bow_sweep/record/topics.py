@@ -47,8 +47,8 @@ TOPICS: dict[str, Topic] = {
 }
 """Everything on the graph, by name."""
 
-STORED_ONCE = ("bridge_force", "stick_slip", "verdicts")
-"""Topics whose messages have an identity, of which the bag holds each once; see :mod:`.inventory`."""
+STORED_ONCE = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
+"""Topics whose messages have an identity, of which the bag holds each once, and the names :mod:`bow_sim.wire` has."""
 
 
 def short_name(topic: str) -> str:

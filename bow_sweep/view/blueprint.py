@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from .furniture import Furniture
 from .layers import TEST_LAYERS
-from .scope import MOST, ROW, WIDTH, trace_name
+from .scope import MARGIN, MOST, ROW, WIDTH, trace_name
 
 GROUND = (24, 26, 30)
 """Behind maps: dark in both of the viewer's themes, as their labels are light."""
@@ -41,8 +41,14 @@ def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blu
         rrb.Vertical(
             _plane("map", "Transient length: the brighter, the sooner Helmholtz motion", furniture),
             rrb.Horizontal(
-                rrb.TimeSeriesView(origin="counts", name="Cells by their regime at the latest test"),
-                rrb.TimeSeriesView(origin="progress/cells_per_second", name="Cells per second"),
+                rrb.TimeSeriesView(
+                    origin="counts", name="Cells by their regime at the latest test", plot_legend=rrb.Corner2D.RightTop
+                ),
+                rrb.TimeSeriesView(
+                    origin="progress/cells_per_second",
+                    name="Cells per second",
+                    plot_legend=rrb.PlotLegend(visible=False),
+                ),
                 column_shares=[3, 2],
             ),
             row_shares=[5, 2],
@@ -61,11 +67,12 @@ def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blu
         grid_columns=2,
         name="Tests and regimes",
     )
-    waves = [
+    waves: list[rrb.View] = [
         rrb.TimeSeriesView(origin=f"waveform/{trace_name(cell)}", name=f"Bridge force of cell {cell}") for cell in cells
     ]
-    waveforms = rrb.Vertical(
-        *(waves or [rrb.TextDocumentView(origin="waveform/help", name="Bridge force")]),
+    waveforms = rrb.Grid(
+        *(waves or (rrb.TextDocumentView(origin="waveform/help", name="Bridge force"),)),
+        grid_columns=1 if len(cells) < 4 else 2,
         name="Waveforms (choose the timeline “sample” below)",
     )
     return rrb.Blueprint(
@@ -88,7 +95,7 @@ def _plane(origin: str, name: str, furniture: Mapping[str, Furniture], *also: st
 
 
 def _scope() -> rrb.Spatial2DView:
-    bounds = rrb.VisualBounds2D(x_range=(-4, WIDTH + 4), y_range=(-4, MOST * ROW))
+    bounds = rrb.VisualBounds2D(x_range=(-4, WIDTH + MARGIN), y_range=(-2, MOST * ROW + 2))
     return rrb.Spatial2DView(
         origin="scope",
         name="Bridge force of inspected cells, latest five periods",

@@ -103,7 +103,7 @@ def transient_furniture(plane: Plane) -> Furniture:
     return made
 
 
-def test_furniture(plane: Plane, name: str) -> Furniture:
+def layer_furniture(plane: Plane, name: str) -> Furniture:
     """Return what stands around the results of one test."""
     made = surroundings(plane)
     low, high = TEST_RANGES[name]
@@ -143,7 +143,7 @@ def _scale(
     extras: bool,
     words_at: float = 11.0,
 ) -> None:
-    """Put a bar on the right, its first colour on top, a text beside each band; with black and grey below if `extras`."""
+    """Put a bar on the right, its first colour on top, a text beside each band; `extras`: black and grey below it."""
     ny, nx = plane.shape
     unit = made.unit
     left, wide, pixel = nx + 4 * unit, 4 * unit, unit / 2

@@ -7,10 +7,11 @@ run backwards and stopped short of its dark end, the latest success stays apart 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from .axes import Axis
 
 PENDING = 255
 """Regime of a cell without a verdict (BasinMap.msg)."""
+
+MAX_CELLS = 1 << 22
+"""As in :mod:`bow_sweep.plan`: nothing larger is allocated on the word of a message."""
 
 CLEAR, NEVER, NOT_COMPUTED = 0, 1, 2
 """What the mask over the transient lengths says of a cell."""
@@ -164,7 +168,7 @@ class Snapshot(Plane):
         """
         get = values.__getitem__ if isinstance(values, Mapping) else lambda name: getattr(values, name)
         x, y = (np.array(get(name), float) for name in ("x", "y"))
-        grids: dict[str, np.ndarray] = {}
+        grids: dict[str, Any] = {}
         kinds = {"transient_periods": np.float32, "regime": np.uint8, "correlation": np.float32}
         for name in ("transient_periods", "regime", "tests", *TEST_LAYERS):
             flat = np.array(get(name), kinds.get(name, np.uint16))
@@ -188,23 +192,18 @@ class Snapshot(Plane):
         """
         settings = tuple(settings)
         spec = split(settings)
-        axes = []
-        for key, given in (("x", spec.x), ("y", spec.y)):
-            try:
-                first, last, count = float(str(given["first"])), float(str(given["last"])), int(str(given["count"]))
-                space = np.geomspace if given["scale"] == "log" else np.linspace
-                axes.append((str(given["name"]), space(first, last, count)))
-            except KeyError as error:
-                raise ValueError(f"the plan has no setting {key}.{error.args[0]}") from None
-        (x_name, x), (y_name, y) = axes
+        axes = [_PlannedAxis.of(key, given) for key, given in (("x", spec.x), ("y", spec.y))]
+        if axes[0].cells * axes[1].cells > MAX_CELLS:
+            raise ValueError(f"the plan has {axes[0].cells} x {axes[1].cells} cells: should be at most {MAX_CELLS}")
+        x, y = (axis.values() for axis in axes)
         shape = (len(y), len(x))
-        whole = {name: np.zeros(shape, np.uint16) for name in ("tests", "slips", "corners")}
-        nothing = {name: np.full(shape, np.nan, np.float32) for name in ("transient_periods", "correlation")}
+        grids: dict[str, Any] = {name: np.zeros(shape, np.uint16) for name in ("tests", "slips", "corners")}
+        grids |= {name: np.full(shape, np.nan, np.float32) for name in ("transient_periods", "correlation")}
         return cls(
             run_id=run_id,
             sweep_id=sweep_id,
-            x_name=x_name,
-            y_name=y_name,
+            x_name=axes[0].name,
+            y_name=axes[1].name,
             x=x,
             y=y,
             regime=np.full(shape, PENDING, np.uint8),
@@ -212,14 +211,34 @@ class Snapshot(Plane):
             settings=settings,
             preset=preset,
             outstanding=x.size * y.size,
-            **whole,
-            **nothing,
+            **grids,
         )
 
     @property
     def planned(self) -> int:
         """Cells of the sweep."""
         return self.done + self.quarantined + self.outstanding
+
+
+class _PlannedAxis(NamedTuple):
+    """An axis as the settings of a plan describe it."""
+
+    name: str
+    scale: str
+    first: float
+    last: float
+    cells: int
+
+    @classmethod
+    def of(cls, key: str, given: Mapping[str, object]) -> _PlannedAxis:
+        try:
+            first, last, cells = float(str(given["first"])), float(str(given["last"])), int(str(given["count"]))
+            return cls(str(given["name"]), str(given["scale"]), first, last, cells)
+        except KeyError as error:
+            raise ValueError(f"the plan has no setting {key}.{error.args[0]}") from None
+
+    def values(self) -> np.ndarray:
+        return (np.geomspace if self.scale == "log" else np.linspace)(self.first, self.last, self.cells)
 
 
 def upright(grid: np.ndarray) -> np.ndarray:
@@ -255,7 +274,7 @@ def transient_colours(lengths: np.ndarray | float, periods: float) -> np.ndarray
 
 def regime_colours(names: Iterable[str]) -> list[tuple[int, int, int]]:
     """Return a colour for each regime, the same for the same names in every picture."""
-    spare = iter(SPARE_COLOURS * 52)
+    spare = itertools.cycle(SPARE_COLOURS)
     return [REGIME_COLOURS[name] if name in REGIME_COLOURS else next(spare) for name in names]
 
 

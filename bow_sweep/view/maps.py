@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,9 +140,9 @@ def read_map_npz(path: str | Path) -> MapFile:
         Where there is no such file, or it is not a map.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise MapFileError(f"{path}: cannot be read as a map: {error}") from None
     try:
         values: dict[str, Any] = {name: str(arrays[name]) for name in TEXTS}
@@ -227,9 +228,12 @@ def _drawable(path: str | Path) -> Path:
 
 
 def _save(path: Path, figure: Any) -> None:
+    from .sheet import style
+
     kind = path.suffix.lower()
     save = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
-    _write_aside(path, lambda file: figure.savefig(file, **save))
+    with style():  # the salt of an .svg's identifiers is read now
+        _write_aside(path, lambda file: figure.savefig(file, **save))
 
 
 def _write_aside(path: Path, write: Callable[[IO[bytes]], Any]) -> None:

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
 from .blueprint import NO_CELLS, arrange
-from .furniture import Furniture, regime_furniture, test_furniture, transient_furniture
+from .furniture import Furniture, layer_furniture, regime_furniture, transient_furniture
 from .layers import (
     BLACK,
     CLEAR,
@@ -37,7 +39,7 @@ from .layers import (
 from .scope import Scope, trace_name
 
 APPLICATION = "bow"
-LINE_COLOUR, TEXT_COLOUR = (190, 192, 200), (235, 236, 240)
+LINE_COLOUR, TEXT_COLOUR, PALE = (190, 192, 200), (235, 236, 240), (215, 215, 215)
 BEHIND, ABOVE = -20.0, -10.0
 """Draw orders: values below, the mask that blacks or greys them out above."""
 
@@ -88,6 +90,7 @@ class Board:
         self._warn, self._began = warn, time.time()
         self._drawn: tuple[Any, ...] = ()
         self._history: list[tuple[float, int]] = []
+        self._marked: set[int] = set()
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
         sinks: list[Any] = [rr.FileSink(aside)]
@@ -107,8 +110,7 @@ class Board:
         if not self.path.exists():
             return
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RerunWarning)  # a killed process leaves no footer; all else is there
+            with _no_footer_expected():
                 reader = RrdReader(self.path)
                 if self.snapshot.run_id not in {entry.recording_id for entry in reader.recordings()}:
                     _put_aside(self.path)
@@ -181,15 +183,18 @@ class Board:
         regimes = [(code, label, (*colour, 255)) for code, label, colour in zip(codes, labels, colours, strict=True)]
         log("regime", rr.AnnotationContext(regimes), static=True)
         for name, label, colour in zip(names, labels, colours, strict=True):
-            bright = colour if max(colour) > 100 else (130, 130, 130)  # the darkest would be lost on a dark ground
-            log(f"counts/{name}", rr.SeriesLines(names=label, colors=bright, widths=2.0), static=True)
+            visible = colour if max(colour) > 100 else PALE  # the darkest would be lost on a dark ground
+            log(f"counts/{name}", rr.SeriesLines(names=label, colors=visible, widths=2.0), static=True)
         for name in ("cells_done", "cells_per_second"):
             line = rr.SeriesLines(names=name.replace("_", " "), colors=(120, 180, 255), widths=2.0)
             log(f"progress/{name}", line, static=True)
         self._arrange()
 
     def _arrange(self) -> None:
-        self._record.send_blueprint(arrange(_furniture(self.snapshot), self.scope.cells))
+        self._record.send_blueprint(self._blueprint())
+
+    def _blueprint(self) -> rrb.Blueprint:
+        return arrange(_furniture(self.snapshot), self.scope.cells)
 
     def _draw(self, place: str, furniture: Furniture) -> None:
         log = self._record.log
@@ -221,15 +226,21 @@ class Board:
     def _log_trace(self, cell: int, first_sample: int, force: np.ndarray) -> None:
         log, path = self._record.log, f"waveform/{trace_name(cell)}"
         trace = self.scope.trace(self.snapshot, cell, first_sample, force)
-        if first_sample == 0:
+        if cell not in self._marked:
+            self._marked.add(cell)
             log(path, rr.SeriesLines(names=trace.label, colors=trace.colour, widths=1.0), static=True)
-            dot = rr.Radius.ui_points(4.0)
-            here = rr.Points2D([trace.place], labels=str(trace.number), colors=trace.colour, radii=dot)
-            log(f"map/inspected/{trace.name}", here, static=True)
+            frame = rr.LineStrips2D(
+                [trace.frame], colors=trace.colour, radii=rr.Radius.ui_points(1.0), draw_order=ABOVE + 1
+            )
+            log(f"map/inspected/{trace.name}/frame", frame, static=True)
+            log(f"map/inspected/{trace.name}/number", _words([trace.place], [str(trace.number)]), static=True)
+        samples, values = first_sample + np.arange(len(force)), force.astype(np.float64)
+        if not self.scope.follows(cell, first_sample, len(force)):  # a gap, rather than a line across what is missing
+            samples, values = np.append(first_sample - 1, samples), np.append(np.nan, values)
         self._record.send_columns(
             path,
-            indexes=[rr.TimeColumn("sample", sequence=first_sample + np.arange(len(force)))],
-            columns=rr.Scalars.columns(scalars=force.astype(np.float64)),
+            indexes=[rr.TimeColumn("sample", sequence=samples)],
+            columns=rr.Scalars.columns(scalars=values),
         )
         self._now(among_samples=True)
         log(f"scope/{trace.name}/curve", rr.LineStrips2D([trace.curve], colors=trace.colour, radii=THIN))
@@ -244,14 +255,39 @@ class Board:
         """See that all is in the file so far; what a killed process leaves can be read up to here."""
         self._record.flush()
 
+    def finish(self) -> None:
+        """Finish the file, with the footer that makes it quick to open; the server, if there is one, goes on."""
+        self._record.flush()
+        if not self.uri:
+            self._record.disconnect()
+            return
+        # A footer is written when a recording lets go of its sinks, and the server is one: finish a copy instead.
+        aside = self.path.with_name(f".{self.path.name}.part")
+        copy = rr.RecordingStream(APPLICATION, recording_id=self.snapshot.run_id)
+        copy.set_sinks(rr.FileSink(aside))
+        with _no_footer_expected():
+            copy.send_chunks(RrdReader(self.path).stream())
+        copy.send_blueprint(self._blueprint())
+        copy.flush()
+        copy.disconnect()
+        aside.replace(self.path)
+
     def close(self) -> None:
-        """Finish the file, with its footer, and end the server."""
+        """Let go of file and server. What was not finished still gets its footer."""
         self._record.flush()
         self._record.disconnect()
 
 
+@contextmanager
+def _no_footer_expected() -> Iterator[None]:
+    """Read a file that is not finished: all but its footer is there."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RerunWarning)
+        yield
+
+
 def _furniture(snapshot: Snapshot) -> dict[str, Furniture]:
-    tests = {f"tests/{name}": test_furniture(snapshot, name) for name in TEST_LAYERS}
+    tests = {f"tests/{name}": layer_furniture(snapshot, name) for name in TEST_LAYERS}
     return {"map": transient_furniture(snapshot), **tests, "regime": regime_furniture(snapshot)}
 
 

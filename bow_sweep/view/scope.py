@@ -7,16 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .furniture import unit_of
 from .layers import Plane
 
-MOST = 4
+MOST = 6
 """Cells shown; further ones are left out, there is no room to read them."""
 
-COLOURS = ((255, 105, 85), (255, 255, 255), (255, 150, 220), (255, 190, 60))
+COLOURS = (
+    (255, 105, 85),
+    (255, 255, 255),
+    (255, 150, 220),
+    (255, 190, 60),
+    (150, 200, 255),
+    (200, 255, 130),
+)
 """One for each cell, apart from viridis and from each other."""
 
-WIDTH, ROW, SWING = 128.0, 24.0, 8.0
-"""A chunk is WIDTH units wide; rows are ROW apart, and a curve swings by SWING to either side of its middle."""
+WIDTH, ROW, SWING, MARGIN = 128.0, 22.0, 9.0, 80.0
+"""A chunk is WIDTH units wide; rows are ROW apart, and a curve swings by SWING to either side of its middle. Captions
+stand in a margin on the right."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +37,13 @@ class Trace:
     name
         Part of an entity path.
     label, caption
-        The cell for people, with its parameters; and what the curve shows of it.
+        The cell for people, with its parameters; and the same for beside the curve.
     curve
         (samples, 2) points, rows downwards.
     corner
-        Where the caption goes.
-    place
-        The middle of the cell on the map's image.
+        Where the caption goes: the middle of its upper edge.
+    frame, place
+        A frame around the cell on the map's image, (5, 2), and where its number goes.
     """
 
     number: int
@@ -44,6 +53,7 @@ class Trace:
     colour: tuple[int, int, int]
     curve: np.ndarray
     corner: tuple[float, float]
+    frame: np.ndarray
     place: tuple[float, float]
 
 
@@ -87,6 +97,10 @@ class Scope:
         self._seen.add(key)
         return new
 
+    def follows(self, cell: int, first_sample: int, samples: int) -> bool:
+        """Return whether the chunk before this one has come; inspection is best effort."""
+        return first_sample == 0 or (cell, first_sample - samples) in self._seen
+
     def trace(self, plane: Plane, cell: int, first_sample: int, force: np.ndarray) -> Trace:
         """Return a chunk of an admitted cell as a curve.
 
@@ -105,17 +119,19 @@ class Scope:
         swing = (force - (low + high) / 2) / max(high - low, 1e-9) * 2 * SWING
         curve = np.column_stack([np.linspace(0, WIDTH, len(force)), middle - swing]).astype(np.float32)
         label = name_of(plane, cell)
-        last = first_sample + len(force)
         iy, ix = divmod(cell, plane.shape[1])
+        x, y, half = ix + 0.5, plane.shape[0] - iy - 0.5, 0.5 + unit_of(plane)
+        corners = [(x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)]
         return Trace(
             number=row + 1,
             name=trace_name(cell),
             label=label,
-            caption=f"{row + 1}   {label}   samples {first_sample} to {last}   force {low:.2f} to {high:.2f}",
+            caption=f"{row + 1}   {label.partition(': ')[2] or label}",
             colour=COLOURS[row],
             curve=curve,
-            corner=(WIDTH / 2, row * ROW - 1.5),
-            place=(ix + 0.5, plane.shape[0] - iy - 0.5),
+            corner=(WIDTH + MARGIN / 2, middle - SWING / 2),
+            frame=np.array([*corners, corners[0]], np.float32),
+            place=(x, y + half),
         )
 
 

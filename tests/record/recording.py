@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -128,6 +129,11 @@ def record(directory: Path, sweep: Sweep, commit_every: int = 7) -> Path:
     return directory
 
 
+def copy(run: Path, to: Path) -> None:
+    """Copy a run directory."""
+    shutil.copytree(run, to)
+
+
 # ---- a recorder process
 
 
@@ -221,7 +227,7 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     use_local_defaults()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
-    node = rclpy.create_node("feeder", namespace=NAMESPACE, context=context)
+    node = rclpy.create_node("coordinator", namespace=NAMESPACE, context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     made = Graph(directory, node, executor, {**os.environ, "ROS_DOMAIN_ID": str(domain)})

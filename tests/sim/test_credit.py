@@ -26,6 +26,15 @@ def test_unanswered_chunks_are_due_again_in_order_and_not_twice_at_once() -> Non
     assert window.overdue(1 + 1.5 * RESEND_S) == []
 
 
+def test_a_quiet_block_is_sent_again_while_others_are_answered() -> None:
+    window = Window()
+    window.sent((0, 0), [b"0"], 0)
+    window.sent((1, 0), [b"1"], 0)
+    window.sent((1, 1), [b"2"], 0)
+    window.answered((1, 0), 1.9, receipted=True, judged=True)
+    assert window.overdue(RESEND_S) == [(b"0",)]
+
+
 def test_answers_for_unknown_chunks_change_nothing() -> None:
     window = Window()
     assert not window.answered((3, 3), 0, receipted=True, judged=True)

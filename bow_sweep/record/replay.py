@@ -1,0 +1,231 @@
+"""Judges a bag again, through the classifier's own core, which cannot tell a bag from a live graph.
+
+With the thresholds of the run the verdicts must be the recorded ones, byte for byte; with others they stand beside
+them, in ``verdicts-<hash>.npz``, never over them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bow_classifier.regime import HELMHOLTZ, REGIMES, Thresholds
+from bow_classifier.stream import Classifier
+from bow_classifier.task import Task
+from bow_sim import wire
+from bow_sim.model import ParameterError, parse_settings
+
+from .bag import FOLDER, BagError, bag_files, bag_of, label
+from .expected import Expected
+from .scan import Scan
+from .survey import LAYERS, Chunks, Key, Progress, Survey, empty_layers, put
+
+
+def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
+    """Return the verdicts recorded in a run's bag, also while it is being written or repaired.
+
+    Returns
+    -------
+    dict
+        ``correlation``, ``period``, ``confidence`` float32 (NaN where there is none), ``slips``, ``corners`` uint16,
+        ``regime`` uint8 (255 where there is none), ``tested`` bool; each (tests, cells).
+
+    Raises
+    ------
+    BagError
+        Where there is no bag, or no plan in it.
+    """
+    expected: Expected | None = None
+    layers: dict[str, np.ndarray] = {}
+    for path in bag_files(bag_of(run_directory)):
+        scan = Scan(path)
+        try:
+            for found in scan.messages():
+                message = label(scan.contents.channels[found.channel].topic, found, path)
+                if message.topic == "plan" and expected is None:
+                    expected = Expected.of(wire.decode("Plan", message.data))
+                    layers = empty_layers(expected)
+                elif message.topic == "verdicts" and expected is not None:
+                    try:
+                        values = expected.check("Verdicts", message.data)
+                    except wire.WireError:
+                        continue  # verify says so; what cannot be read is not tested
+                    put(layers, expected, (values["block"], values["chunk"]), values)
+        except OSError:
+            continue  # a torn end, just being cut off: nothing whole was in it
+    if expected is None:
+        raise BagError(f"{run_directory}: its bag holds no plan, so no verdicts can be placed")
+    return layers
+
+
+def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[tuple[Key, dict[str, Any]]]:
+    """Yield (chunk, fields of Verdicts) of a block as far as its chunks go, from the recorded streams.
+
+    Raises
+    ------
+    BagError
+        Where the classifier does not take a recorded chunk; says why.
+    """
+    classifier = Classifier("0" * 16)
+    classifier.open(task)
+    for chunk in range(task.chunks):
+        force, slip = (survey.places[topic].get((block, chunk)) for topic in ("bridge_force", "stick_slip"))
+        if force is None or slip is None:
+            return
+        out = classifier.take("BridgeForce", chunks.read(force)) + classifier.take("StickSlip", chunks.read(slip))
+        if len(out) != 1:
+            why = "; ".join(classifier.complaints) or "it gave no verdict"
+            raise BagError(f"block {block}, chunk {chunk}: the classifier does not take it: {why}")
+        yield (block, chunk), wire.decode("Verdicts", out[0])
+
+
+def differing(recorded: dict[str, np.ndarray], again: dict[str, Any]) -> list[str]:
+    """Return the names of the layers of a verdict that are not byte for byte the same."""
+    return [name for name in LAYERS if recorded[name].tobytes() != again[name].tobytes()]
+
+
+def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
+    """Return what the classifier must know of a recorded run.
+
+    Raises
+    ------
+    BagError
+        Where the bag holds no plan.
+    """
+    if survey.expected is None:
+        raise BagError(f"{survey.directory}: holds no plan")
+    task = Task.from_settings(survey.expected.run_id, survey.expected.sweep_id, survey.plan["spec.settings"])
+    return task if thresholds is None else dataclasses.replace(task, thresholds=thresholds)
+
+
+def changed(thresholds: Thresholds, settings: Iterable[str]) -> Thresholds:
+    """Return thresholds with "name=value" settings over them; ``preset=NAME`` begins from a named set instead.
+
+    Raises
+    ------
+    ParameterError
+        For a setting that is none.
+    """
+    given = {name.removeprefix("classifier."): value for name, value in parse_settings(settings).items()}
+    base = {} if "preset" in given else dataclasses.asdict(thresholds)
+    return Thresholds.from_mapping({**base, **given})
+
+
+def replay(
+    run_directory: Path,
+    thresholds: Thresholds | None = None,
+    settings: Iterable[str] = (),
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Judge the bag of a run again.
+
+    Parameters
+    ----------
+    thresholds, settings
+        Other thresholds, or "name=value" changes to those of the run; both: changes to these.
+    progress
+        Called with (done, total).
+
+    Returns
+    -------
+    dict
+        For JSON. ``ok``; ``classifier`` and ``recorded_classifier``, hashes; ``chunks`` judged, ``equal`` of them as
+        recorded; ``differing``, the first chunks that are not; ``cells``, ``helmholtz_fraction``, ``regimes`` at the
+        latest test; ``file``, the new verdict set, or None where the thresholds are those of the run.
+        ``ok`` means that every recorded chunk was judged and, with the thresholds of the run, as recorded.
+
+    Raises
+    ------
+    BagError
+        Where there is no bag, it is damaged, or the classifier does not take what is in it.
+    ParameterError
+        For thresholds that cannot be.
+    """
+    directory = bag_of(run_directory)
+    survey = Survey(directory).read(progress, share=0.4)
+    if survey.problems:
+        first = survey.problems[0]
+        raise BagError(f"{directory}: {first['what']} ({first.get('file', '')}); `bow verify` tells more")
+    task = task_of(survey)
+    recorded = task.thresholds
+    task = task_of(survey, changed(thresholds or recorded, settings))
+    assert survey.expected is not None
+    layers = empty_layers(survey.expected)
+    same = task.thresholds == recorded
+    equal, count, unlike = 0, 0, []
+    with Chunks() as chunks:
+        for block in range(task.blocks):
+            for key, again in rejudge(survey, task, block, chunks):
+                count += 1
+                put(layers, survey.expected, key, again)
+                known = survey.verdicts.get(key)
+                names = ["all: not recorded"] if known is None else differing(known.layers, again)
+                equal += not names
+                if names and same:
+                    unlike.append({"block": key[0], "chunk": key[1], "layers": names})
+            if progress is not None:
+                progress(0.4 * task.blocks + 0.6 * (block + 1), task.blocks)
+    file = None
+    if task.thresholds.hash != survey.plan["classifier"]:
+        file = _write(run_directory, task, layers)
+    return {
+        "ok": not unlike and count == len(survey.places["bridge_force"]) and (not same or equal == count),
+        "run_id": task.run_id,
+        "sweep_id": task.sweep_id,
+        "classifier": task.thresholds.hash,
+        "recorded_classifier": survey.plan["classifier"],
+        "thresholds": list(task.thresholds.settings()),
+        "chunks": count,
+        "equal": equal,
+        "differing": unlike[:20],
+        **_summary(layers),
+        "file": str(file) if file else None,
+    }
+
+
+def _summary(layers: dict[str, np.ndarray]) -> dict[str, Any]:
+    passed = ((layers["regime"] == HELMHOLTZ) & layers["tested"]).any(axis=0)
+    tests = layers["tested"].sum(axis=0)
+    latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))][tests > 0]
+    counts = np.bincount(latest, minlength=len(REGIMES))
+    return {
+        "cells": int(np.count_nonzero(tests)),
+        "helmholtz_fraction": float(passed.mean()),
+        "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
+    }
+
+
+def _write(run_directory: Path, task: Task, layers: dict[str, np.ndarray]) -> Path:
+    """Write a verdict set beside the recorded one; return its path."""
+    directory = Path(run_directory)
+    if (directory / FOLDER).is_dir():
+        path = directory / f"verdicts-{task.thresholds.hash}.npz"
+    else:
+        path = directory.parent / f"verdicts-{task.thresholds.hash}.npz"  # a bag was named, not its run
+    aside = path.with_name(f".{path.name}.part")
+    try:
+        with open(aside, "wb") as file:
+            np.savez_compressed(
+                file,
+                run_id=task.run_id,
+                sweep_id=task.sweep_id,
+                classifier=task.thresholds.hash,
+                thresholds=np.array(task.thresholds.settings()),
+                regime_names=np.array(REGIMES),
+                **layers,  # type: ignore[arg-type]  # all arrays
+            )
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(aside, path)
+    except OSError:
+        aside.unlink(missing_ok=True)
+        raise
+    return path
+
+
+__all__ = ["ParameterError", "load_verdicts", "rejudge", "replay"]

@@ -1,0 +1,257 @@
+"""What is in a bag, found out by reading every byte of it once: who said what about which chunk, and what is wrong.
+
+Memory grows with the number of messages, not with their size: where a waveform lies is kept, not the waveform.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bow_sim import wire
+from bow_sim.model import ParameterError
+
+from .bag import METADATA, BagError, BagMessage, bag_files, label
+from .expected import Expected
+from .metadata import FileInfo, render
+from .scan import Scan
+from .topics import STORED_ONCE, TOPICS, short_name
+
+Progress = Callable[[float, float], None]
+"""Called with (done, total), in bytes."""
+
+MAX_PROBLEMS = 200
+"""Problems kept at most; the rest are counted."""
+
+LAYERS = ("correlation", "period", "slips", "corners", "regime", "confidence")
+"""What a verdict says of a cell."""
+
+Key = tuple[int, int]
+"""(block, chunk)."""
+
+
+class Place(NamedTuple):
+    """Where a sealed message lies."""
+
+    file: Path
+    offset: int
+    length: int
+    checksum: int
+
+
+class Verdict(NamedTuple):
+    """What is kept of a Verdicts message."""
+
+    checksum: int
+    chunk_checksum: int
+    layers: dict[str, np.ndarray]
+
+
+class Survey:
+    """The contents of a bag. Everything wrong becomes a problem, a dict with `what` and as much of where as is known.
+
+    Attributes
+    ----------
+    expected
+        The outline of the run, from its first plan; None where there is none.
+    plan
+        The latest plan.
+    places
+        Topic ("bridge_force", "stick_slip") -> chunk -> the message stored for it.
+    verdicts
+        Chunk -> the verdict stored for it.
+    receipts
+        (kind, block, chunk) -> checksums that were receipted.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.expected: Expected | None = None
+        self.plan: dict[str, Any] = {}
+        self.places: dict[str, dict[Key, Place]] = {"bridge_force": {}, "stick_slip": {}}
+        self.verdicts: dict[Key, Verdict] = {}
+        self.receipts: dict[tuple[int, int, int], set[int]] = {}
+        self.files: list[FileInfo] = []
+        self.problems: list[dict[str, Any]] = []
+        self.problem_count = 0
+        self.messages = 0
+        self._sequence = 0
+
+    def problem(self, what: str, **where: Any) -> None:
+        """Note something that does not hold."""
+        self.problem_count += 1
+        if len(self.problems) < MAX_PROBLEMS:
+            run = {"run": self.expected.run_id} if self.expected else {}
+            self.problems.append({"what": what, **run, **where})
+
+    def read(self, progress: Progress | None = None, share: float = 1.0) -> Survey:
+        """Read all files; `share` is the part of the whole work that this is."""
+        paths = bag_files(self.directory)
+        total = sum(path.stat().st_size for path in paths)
+        before = 0
+        for path in paths:
+            scan = Scan(path)
+            try:
+                for message in scan.messages():
+                    self._take(label(scan.contents.channels[message.channel].topic, message, path))
+                    if progress is not None and self.messages % 64 == 0:
+                        progress((before + max(message.offset, 0)) * share, total)
+            except OSError as error:
+                self.problem(f"cannot be read: {error}", file=path.name)
+            before += scan.size
+            for damage in scan.damage[:MAX_PROBLEMS]:
+                self.problem(f"damage: {damage.what}", file=path.name, bytes=[damage.start, damage.end])
+            if not scan.finished and not scan.damage:
+                self.problem(
+                    f"cut off: complete up to byte {scan.good_end} of {scan.size}; `bow recover` repairs it",
+                    file=path.name,
+                )
+            self._check_types(scan)
+            self.files.append(FileInfo.of(path.name, scan.contents))
+        self._check_metadata()
+        return self
+
+    def _check_types(self, scan: Scan) -> None:
+        for channel in scan.contents.channels.values():
+            name = short_name(channel.topic)
+            schema = scan.contents.schemas.get(channel.schema_id)
+            if name and (schema is None or schema.name != TOPICS[name].type):
+                given = schema.name if schema else "no type"
+                self.problem(f"{channel.topic} has {given}, should have {TOPICS[name].type}", file=scan.path.name)
+
+    def _check_metadata(self) -> None:
+        path = self.directory / METADATA
+        try:
+            text = path.read_bytes()
+        except OSError as error:
+            self.problem(f"cannot be read: {error.strerror}", file=METADATA)
+            return
+        right = render(self.files).encode()
+        if text != right:
+            lines = zip((text + b"\n.").split(b"\n"), (right + b"\n.").split(b"\n"), strict=False)
+            number, (given, should) = next((n, pair) for n, pair in enumerate(lines, 1) if pair[0] != pair[1])
+            what = f"line {number} is {given.decode(errors='replace')!r}, the files make it {should.decode()!r}"
+            self.problem(what, file=METADATA)
+
+    def _take(self, message: BagMessage) -> None:
+        self.messages += 1
+        if message.sequence != self._sequence + 1:
+            self.problem(
+                f"message {message.sequence} comes after message {self._sequence}: some are missing or moved",
+                file=message.file.name,
+            )
+        self._sequence = message.sequence
+        try:
+            if message.topic == "plan":
+                self._take_plan(wire.decode("Plan", message.data))
+            elif message.topic in STORED_ONCE:
+                self._take_sealed(message)
+            elif message.topic == "receipts":
+                self._take_receipts(wire.decode("Receipt", message.data))
+            elif message.topic == "basin_map":
+                self._check_run(wire.decode("BasinMap", message.data))
+            elif message.topic == "inspect":
+                self._check_run(wire.unseal("BridgeForce", message.data))
+        except (wire.WireError, ParameterError) as error:
+            self.problem(str(error), topic=message.topic, message=message.sequence, file=message.file.name)
+
+    def _take_plan(self, plan: dict[str, Any]) -> None:
+        if self.expected is None:
+            self.expected = Expected.of(plan)
+        self._check_run(plan)
+        self.plan = plan
+
+    def _check_run(self, values: dict[str, Any]) -> None:
+        if self.expected is None:
+            raise wire.WireError("comes before the first plan")
+        if (values["run_id"], values["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
+            raise wire.WireError(f"is of run {values['run_id']!r}, sweep {values['sweep_id']!r}")
+
+    def _take_sealed(self, message: BagMessage) -> None:
+        if self.expected is None:
+            raise wire.WireError("comes before the first plan")
+        values = self.expected.check(STORED_ONCE[message.topic], message.data)
+        key = (values["block"], values["chunk"])
+        stored: dict[Key, Any] = self.verdicts if message.topic == "verdicts" else self.places[message.topic]
+        if key in stored:
+            self.problem("stored twice", topic=message.topic, block=key[0], chunk=key[1])
+        elif message.topic == "verdicts":
+            layers = {name: values[name].copy() for name in LAYERS}
+            stored[key] = Verdict(values["checksum"], values["chunk_checksum"], layers)
+        else:
+            stored[key] = Place(message.file, message.offset, len(message.data), values["checksum"])
+
+    def _take_receipts(self, values: dict[str, Any]) -> None:
+        self._check_run(values)
+        columns = [values[name].tolist() for name in ("kind", "block", "chunk", "checksum")]
+        if len({len(column) for column in columns}) != 1:
+            raise wire.WireError(f"arrays of {', '.join(str(len(column)) for column in columns)} values")
+        for kind, block, chunk, checksum in zip(*columns, strict=True):
+            self.receipts.setdefault((kind, block, chunk), set()).add(checksum)
+
+    def chunk_checksum(self, key: Key) -> int | None:
+        """Return the checksum of a chunk whose two stream messages are there, else None."""
+        force, slip = (self.places[topic].get(key) for topic in ("bridge_force", "stick_slip"))
+        return wire.chunk_checksum(*key, force.checksum, slip.checksum) if force and slip else None
+
+    def layers(self, keys: Iterable[Key] | None = None) -> dict[str, np.ndarray]:
+        """Return the recorded verdicts as arrays; see :func:`.replay.load_verdicts`."""
+        assert self.expected is not None
+        out = empty_layers(self.expected)
+        for key in self.verdicts if keys is None else keys:
+            put(out, self.expected, key, self.verdicts[key].layers)
+        return out
+
+
+_TYPES = dict(zip(LAYERS, ("f4", "f4", "u2", "u2", "u1", "f4"), strict=True))
+_EMPTY = dict(zip(LAYERS, (np.nan, np.nan, 0, 0, 255, np.nan), strict=True))
+
+
+def empty_layers(expected: Expected) -> dict[str, np.ndarray]:
+    """Return arrays (tests, cells) for the verdicts of a run, none tested."""
+    shape = (expected.chunks, expected.cells)
+    out = {name: np.full(shape, _EMPTY[name], _TYPES[name]) for name in LAYERS}
+    return {**out, "tested": np.zeros(shape, bool)}
+
+
+def put(layers: dict[str, np.ndarray], expected: Expected, key: Key, values: dict[str, np.ndarray]) -> None:
+    """Put one verdict into arrays of :func:`empty_layers`."""
+    cells = expected.block(key[0])
+    for name in LAYERS:
+        layers[name][key[1], cells] = values[name]
+    layers["tested"][key[1], cells] = True
+
+
+class Chunks:
+    """Reads stored messages again, wherever they lie."""
+
+    def __init__(self) -> None:
+        self._open: dict[Path, int] = {}
+
+    def __enter__(self) -> Chunks:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for descriptor in self._open.values():
+            os.close(descriptor)
+
+    def read(self, place: Place) -> bytes:
+        """Return a message.
+
+        Raises
+        ------
+        BagError
+            Where it lies in a compressed chunk, or the file ends before it.
+        """
+        if place.offset < 0:
+            raise BagError(f"{place.file}: is compressed; bow writes bags that are not, and replays only those")
+        if place.file not in self._open:
+            self._open[place.file] = os.open(place.file, os.O_RDONLY | os.O_CLOEXEC)
+        data = os.pread(self._open[place.file], place.length, place.offset)
+        if len(data) != place.length:
+            raise BagError(f"{place.file}: ends before byte {place.offset + place.length}")
+        return data

@@ -1,0 +1,265 @@
+"""Accounts for a run: every cell, chunk, sample and checksum of its bag, and its verdicts derived again.
+
+The recorded streams are the ground: verdicts, receipts, plan, map and ledger are held against them.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bow_classifier.regime import HELMHOLTZ
+from bow_sim.model import CHUNK_PERIODS, ParameterError
+from bow_sim.wire import RECEIPT_STREAMS, RECEIPT_VERDICTS
+
+from .bag import FOLDER, BagError, bag_of
+from .expected import CLOSED, DONE, QUARANTINED, Expected
+from .replay import differing, rejudge, task_of
+from .survey import Chunks, Key, Progress, Survey
+
+SCAN_SHARE = 0.4
+"""Part of the work that is reading the bag; judging is the rest."""
+
+
+def verify(run_directory: Path, progress: Progress | None = None) -> dict[str, Any]:
+    """Account for everything in a run's bag.
+
+    Parameters
+    ----------
+    run_directory
+        Of the run; or a bag alone, and then there is no map or ledger to hold against it.
+    progress
+        Called with (done, total).
+
+    Returns
+    -------
+    dict
+        For JSON. ``ok``: everything holds. ``cells``, ``chunks``, ``samples``: complete and accounted for, each once;
+        ``*_planned`` what they should be together with ``cells_quarantined``. ``verdicts_equal``: of the ``chunks``,
+        how many verdicts were derived again byte for byte. ``quarantined_blocks`` are named, and are no problem here:
+        the sweep said so. ``problems``: dicts with ``what``, ``run`` and where: ``block``, ``chunk``, ``file`` ...
+    """
+    began = time.monotonic()
+    try:
+        survey = Survey(bag_of(run_directory))
+    except BagError as error:
+        survey = Survey(Path(run_directory))
+        survey.problem(str(error))
+    else:
+        survey.read(progress, SCAN_SHARE)
+        if survey.expected is None:
+            survey.problem("the bag holds no plan", file=FOLDER)
+    result: dict[str, Any] = {"ok": False, "directory": str(run_directory)}
+    if survey.expected is not None:
+        result |= _Accounts(survey, survey.expected).all(Path(run_directory), progress)
+    return {
+        **result,
+        "ok": not survey.problem_count,
+        "messages": survey.messages,
+        "files": [file.name for file in survey.files],
+        "seconds": round(time.monotonic() - began, 2),
+        "problem_count": survey.problem_count,
+        "problems": survey.problems,
+    }
+
+
+class _Accounts:
+    """Holds what a survey found against the plan and against itself."""
+
+    def __init__(self, survey: Survey, expected: Expected) -> None:
+        self.survey, self.expected, self.problem = survey, expected, survey.problem
+        self.notes: list[str] = []
+        states = survey.plan["block_states"].tolist()
+        if len(states) != expected.blocks:
+            self.problem(f"the plan gives the state of {len(states)} blocks, there are {expected.blocks}")
+        self.states = (states + [0] * expected.blocks)[: expected.blocks]
+        self.complete = np.zeros(expected.blocks, bool)
+        self.equal = 0
+
+    def all(self, run_directory: Path, progress: Progress | None) -> dict[str, Any]:
+        """Check everything; return the counts."""
+        expected, survey = self.expected, self.survey
+        if survey.plan["state"] != CLOSED:
+            self.problem("the last plan is open: the run is not finished, or its end was cut out")
+        for block in range(expected.blocks):
+            self._block(block)
+        self._receipts()
+        self._judge(progress)
+        self._map(run_directory / "map.npz")
+        self._ledger(run_directory / "ledger.jsonl")
+        sizes = np.array([len(expected.block(block)) for block in range(expected.blocks)])
+        quarantined = np.array([state == QUARANTINED for state in self.states])
+        return {
+            "run": expected.run_id,
+            "sweep": expected.sweep_id,
+            "cells": int(sizes[self.complete].sum()),
+            "cells_planned": expected.cells,
+            "cells_quarantined": int(sizes[quarantined].sum()),
+            "chunks": int(self.complete.sum()) * expected.chunks,
+            "chunks_planned": expected.blocks * expected.chunks,
+            "samples": int(sizes[self.complete].sum()) * expected.chunks * expected.chunk_samples,
+            "samples_planned": expected.cells * expected.chunks * expected.chunk_samples,
+            "verdicts": len(survey.verdicts),
+            "verdicts_equal": self.equal,
+            "classifier": survey.plan["classifier"],
+            "quarantined_blocks": np.flatnonzero(quarantined).tolist(),
+            "notes": self.notes,
+        }
+
+    # ---- every chunk once
+
+    def _block(self, block: int) -> None:
+        """Every chunk of a block is there, with its verdicts on the very bytes that are stored."""
+        survey, state = self.survey, self.states[block]
+        if state == QUARANTINED:
+            return
+        missing = 0
+        for chunk in range(self.expected.chunks):
+            key = (block, chunk)
+            stored: dict[str, Any] = {**survey.places, "verdicts": survey.verdicts}
+            lacking = [topic for topic, places in stored.items() if key not in places]
+            missing += bool(lacking)
+            if lacking and state == DONE:
+                self.problem("missing", block=block, chunk=chunk, topics=lacking)
+            self._agree(key)
+        if state != DONE:
+            self.problem(f"outstanding: {missing} of {self.expected.chunks} chunks are not complete", block=block)
+        self.complete[block] = state == DONE and not missing
+
+    def _agree(self, key: Key) -> None:
+        whole, verdict = self.survey.chunk_checksum(key), self.survey.verdicts.get(key)
+        if whole is not None and verdict is not None and verdict.chunk_checksum != whole:
+            what = f"the verdicts are on chunk {verdict.chunk_checksum:016x}, stored is {whole:016x}"
+            self.problem(what, block=key[0], chunk=key[1])
+
+    # ---- receipts
+
+    def _receipts(self) -> None:
+        """What is stored was receipted, with its checksum; nothing else was."""
+        survey = self.survey
+        keys = survey.places["bridge_force"].keys() | survey.verdicts.keys()
+        for key in sorted(keys):
+            verdict = survey.verdicts.get(key)
+            stored = {RECEIPT_STREAMS: survey.chunk_checksum(key), RECEIPT_VERDICTS: verdict and verdict.checksum}
+            for kind, checksum in stored.items():
+                receipted = survey.receipts.get((kind, *key), set())
+                if checksum is not None and receipted != {checksum}:
+                    said = ", ".join(f"{c:016x}" for c in sorted(receipted)) or "nothing"
+                    what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {said}"
+                    self.problem(what, block=key[0], chunk=key[1])
+        for kind, block, chunk in sorted(survey.receipts):
+            there = (
+                survey.chunk_checksum((block, chunk)) is not None
+                if kind == RECEIPT_STREAMS
+                else (block, chunk) in survey.verdicts
+            )
+            if not there:
+                self.problem(f"{_KINDS.get(kind, kind)} receipted, not stored", block=block, chunk=chunk)
+
+    # ---- the verdicts again
+
+    def _judge(self, progress: Progress | None) -> None:
+        """Derive the verdicts of all complete and begun blocks again from the recorded streams."""
+        survey = self.survey
+        try:
+            task = task_of(survey)
+        except ParameterError as error:
+            self.problem(f"the plan cannot be judged: {error}")
+            return
+        if task.thresholds.hash != survey.plan["classifier"]:
+            self.notes.append(
+                f"judged by classifier {survey.plan['classifier']}, here is {task.thresholds.hash}: the numbers of the "
+                "verdicts are compared, their hash is not"
+            )
+        with Chunks() as chunks:
+            for block in range(task.blocks):
+                if self.states[block] != QUARANTINED:
+                    self._judge_block(task, block, chunks)
+                if progress is not None:
+                    progress(SCAN_SHARE * task.blocks + (1 - SCAN_SHARE) * (block + 1), task.blocks)
+
+    def _judge_block(self, task: Any, block: int, chunks: Chunks) -> None:
+        try:
+            for key, again in rejudge(self.survey, task, block, chunks):
+                known = self.survey.verdicts.get(key)
+                if known is None:
+                    continue  # said before
+                names = differing(known.layers, again)
+                self.equal += not names
+                if names:
+                    what = f"the verdicts derived again differ in {', '.join(names)}"
+                    self.problem(what, block=block, chunk=key[1])
+        except (BagError, OSError) as error:
+            self.problem(str(error), block=block)
+
+    # ---- what lies beside the bag
+
+    def _map(self, path: Path) -> None:
+        """map.npz says of every cell what the verdicts in the bag say."""
+        if not path.is_file():
+            return
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                given = {name: file[name] for name in file.files}
+        except (OSError, ValueError, EOFError, KeyError) as error:
+            self.problem(f"cannot be read: {error}", file=path.name)
+            return
+        expected = self.expected
+        layers = self.survey.layers()
+        cells = np.flatnonzero(np.repeat(self.complete, expected.block_cells)[: expected.cells])
+        others = np.setdiff1d(np.arange(expected.cells), cells)
+        passed = layers["regime"] == HELMHOLTZ
+        length = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+        length[others] = np.nan
+        last = layers["regime"][-1].copy()
+        last[others] = 255
+        right = {"transient_periods": length, "regime": last, "helmholtz": passed}
+        right |= {name: layers[name] for name in ("correlation", "period", "slips", "corners")}
+        for name, values in right.items():
+            if name not in given:
+                self.problem(f"holds no {name}", file=path.name)
+                continue
+            if given[name].size != values.size:
+                self.problem(f"{name} has {given[name].size} values, should have {values.size}", file=path.name)
+                continue
+            mine, its = values, given[name].reshape(values.shape)
+            if values.ndim > 1:
+                mine, its = values[:, cells], its[:, cells]
+            unlike = (mine != its) & ~(np.isnan(mine) & np.isnan(its))
+            if unlike.any():
+                cell = int(np.flatnonzero(unlike.reshape(-1, unlike.shape[-1]).any(axis=0))[0])
+                cell = int(cells[cell]) if values.ndim > 1 else cell
+                what = f"{name} is not what the verdicts say, in {int(unlike.sum())} places, first at cell {cell}"
+                self.problem(what, file=path.name, block=cell // expected.block_cells)
+
+    def _ledger(self, path: Path) -> None:
+        """ledger.jsonl names the same run, and the same blocks as done and quarantined."""
+        if not path.is_file():
+            return
+        states: dict[int, int] = {}
+        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):
+            try:
+                entry = json.loads(line)
+                event, block = entry.get("event"), entry.get("block")
+            except (ValueError, AttributeError):
+                self.problem(f"line {number} is no entry", file=path.name)
+                continue
+            if event == "planned":
+                for name in ("run_id", "sweep_id"):
+                    if entry.get(name) != getattr(self.expected, name):
+                        self.problem(f"{name} is {entry.get(name)!r}: another run's", file=path.name)
+            if isinstance(block, int):
+                states[block] = _EVENTS.get(event, states.get(block, 0))
+        for block in range(self.expected.blocks):
+            if states.get(block, 0) != self.states[block]:
+                said, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
+                self.problem(f"the ledger says {said}, the plan in the bag {planned}", block=block, file=path.name)
+
+
+_KINDS = {RECEIPT_STREAMS: "streams", RECEIPT_VERDICTS: "verdicts"}
+_EVENTS = {"done": DONE, "quarantined": QUARANTINED, "reopened": 0}
+_STATES = {0: "outstanding", DONE: "done", QUARANTINED: "quarantined"}

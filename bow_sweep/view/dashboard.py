@@ -1,0 +1,250 @@
+"""The dashboard node: shows a sweep in rerun while it runs, and leaves ``dashboard.rrd`` in the run directory.
+
+A latched `plan` opens the recording of a run and finishes it. A dashboard that is started again in the middle of a run
+takes up what its predecessor recorded: there is one file, and it does not lose anything.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
+from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rclpy.qos import QoSProfile
+
+from bow_sim import wire
+from bow_sim.ros import INSPECT, LATCHED, BowNode, StartupError, live
+
+from .account import Node
+
+if TYPE_CHECKING:
+    from .show import Show
+
+HELP = """
+usage: ros2 run bow dashboard [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
+                              [-p view:=true] [-p port:=9876] [-p server_memory:=256MiB]
+
+Shows the sweep on the graph of its namespace (default /bow) in rerun: the growing basin map, the three tests, regimes,
+progress, waveforms of inspected cells, accounts. Writes <runs_dir>/<run_id>/dashboard.rrd, or <run_dir>/dashboard.rrd;
+`rerun dashboard.rrd` opens it. With a port, `rerun --connect rerun+http://127.0.0.1:PORT/proxy` watches it grow, and
+gets all that came before; view:=true opens a viewer here.
+"""
+
+TICK_S = 0.1
+
+INSPECT_DEPTH = 500
+"""A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""
+
+MEMORY = re.compile(r"\d+(\.\d+)?\s?([kMGT]i?)?B|\d+(\.\d+)?%")
+
+
+class DashboardNode(BowNode):
+    """Shows one run after the other."""
+
+    def __init__(self) -> None:
+        super().__init__("dashboard")
+        runs_dir = self._declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self._declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
+        self._view = self._declared("view", False, "open the live viewer when a sweep opens")
+        self._port = self._declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", 65535)
+        memory = "what the server keeps for viewers that come late, such as 256MiB, 1GB or 10%"
+        self._memory = self._declared("server_memory", "256MiB", memory)
+        if not MEMORY.fullmatch(self._memory):
+            raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
+        if self._port and not _is_free(self._port):
+            raise StartupError(f"parameter port = {self._port}: is taken on 127.0.0.1; should be a free one, or 0")
+        self._show: Show | None = None
+        self._past: Show | None = None  # finished, but still served
+        self._over: tuple[str, int] = ("", -1)
+        self._early: dict[str, Any] | None = None  # a map that came before its plan
+        self._nodes: dict[str, Node] = {}
+        patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
+        for kind, topic, taker, qos in (
+            (Plan, "plan", self._on_plan, LATCHED),
+            (BasinMap, "basin_map", self._on_map, LATCHED),
+            (BridgeForce, "inspect", self._on_inspect, patient),
+        ):
+            self.create_subscription(kind, topic, self._taker(kind.__name__, taker), qos, raw=True)
+        self.create_subscription(Health, "health", self._on_health, LATCHED)
+        self.create_timer(TICK_S, self._tick)
+        from . import show  # noqa: F401  # rerun takes a second to import: now, while the others start too
+
+        self.become(Health.READY, "waits for a plan")
+
+    def _declared(self, name: str, default: Any, what: str, most: int = 0) -> Any:
+        descriptor = ParameterDescriptor(description=what)
+        if most:
+            descriptor.integer_range = [IntegerRange(from_value=0, to_value=most, step=1)]
+        return self.declare_parameter(name, default, descriptor).value
+
+    def _taker(self, name: str, take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
+        """Return what hands the fields of a message on, and counts it; what is no such message is counted apart."""
+
+        def taker(data: bytes) -> None:
+            self.health.messages += 1
+            self.health.bytes += len(data)
+            try:
+                take(wire.unseal(name, data) if name == "BridgeForce" else wire.decode(name, data))
+            except wire.WireError as error:
+                self._ignore(str(error))
+
+        return taker
+
+    def _ignore(self, why: str) -> None:
+        self.health.ignored += 1
+        self.get_logger().warning(f"ignored: {why}", throttle_duration_sec=1.0)
+
+    # ---- the plan opens and finishes the recording
+
+    def _on_plan(self, plan: dict[str, Any]) -> None:
+        run, epoch = plan["run_id"], plan["epoch"]
+        if self._show is not None:
+            if run == self._show.run_id:
+                self._show.plan(plan)
+                return
+            if plan["state"] != Plan.OPEN:
+                return
+            self._finish(f"run {run} opens")
+        if (run, epoch) != self._over and plan["state"] in (Plan.OPEN, Plan.CLOSED):
+            self._open(plan)
+
+    def _open(self, plan: dict[str, Any]) -> None:
+        from .show import FILE, IDENTITY, Show
+
+        run = plan["run_id"]
+        if not IDENTITY.fullmatch(run):
+            self._ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
+            return
+        directory = self._run_dir or self._runs_dir / run
+        if plan["state"] == Plan.CLOSED and not (directory / FILE).exists():
+            return  # over before we came
+        self._let_go()
+        port = self._port or (_free_port() if self._view else 0)
+        if port and not _is_free(port):
+            self.get_logger().warning(f"port {port} is taken: run {run} is not shown live")
+            port = 0
+        try:
+            self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
+        except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
+            self._fail(f"{directory / FILE}: {error}", run)
+            return
+        self.become(Health.BUSY, f"writes {directory / FILE}", run)
+        if port:
+            self.get_logger().info(f"watch with: rerun --connect {self._show.board.uri}")
+        if port and self._view:
+            self._open_viewer(self._show.board.uri)
+        if self._early is not None:
+            self._on_map(self._early)
+
+    def _open_viewer(self, uri: str) -> None:
+        """Start a viewer; when we go it stays, with what it has received."""
+        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            self.get_logger().warning(f"view: there is no display here; where there is one: rerun --connect {uri}")
+            return
+        quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+        command = [sys.executable, "-m", "rerun", "--connect", uri]
+        subprocess.Popen(command, start_new_session=True, **quiet)  # Ctrl-C in our terminal is not meant for it
+
+    def _finish(self, why: str) -> None:
+        """Finish the file and say so."""
+        show, self._show, self._early = self._show, None, None
+        if show is None:
+            return
+        try:
+            show.finish(self._nodes.values())
+        except Exception as error:  # as in _open
+            self._fail(f"{show.board.path}: {error}", show.run_id)
+            return
+        self._past, self._over = show, (show.run_id, show.epoch)
+        self.health.ignored += show.ignored
+        self.become(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
+
+    def _fail(self, what: str, run: str) -> None:
+        self._show = None
+        self.get_logger().error(f"nothing more is shown: {what}")
+        self.become(Health.FAILED, what, run)
+
+    def _let_go(self) -> None:
+        """End the server of the run before."""
+        if self._past is not None:
+            self._past.close()
+            self._past = None
+
+    # ---- what is shown
+
+    def _on_map(self, values: dict[str, Any]) -> None:
+        if self._show is None:
+            self._early = values
+        else:
+            self._guarded(lambda show: show.map(values))
+
+    def _on_inspect(self, values: dict[str, Any]) -> None:
+        self._guarded(lambda show: show.inspect(values))
+
+    def _on_health(self, message: Health) -> None:
+        self._nodes[message.node] = Node(
+            message.node,
+            message.role,
+            message.state,
+            message.detail,
+            message.messages,
+            message.bytes,
+            message.ignored,
+            message.rss,
+            time.monotonic(),
+        )
+
+    def _tick(self) -> None:
+        if self._guarded(lambda show: show.tick(self._nodes.values())):
+            self._finish("the plan is closed")
+
+    def _guarded(self, do: Callable[[Show], Any]) -> Any:
+        """Do something to the run on show, if there is one; give up showing it where that fails."""
+        show = self._show
+        if show is None:
+            return None
+        try:
+            return do(show)
+        except Exception as error:  # as in _open
+            self._fail(f"{show.board.path}: {error}", show.run_id)
+            return None
+
+    def close(self) -> None:
+        """Finish the file as it is; a dashboard started later takes it up."""
+        self._finish("the dashboard was told to stop")
+        self._let_go()
+
+
+def _is_free(port: int) -> bool:
+    """Return whether a server could listen on a port of this machine's loopback."""
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port in TIME_WAIT will do
+        try:
+            trial.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
+
+
+def _free_port() -> int:
+    with socket.socket() as trial:
+        trial.bind(("127.0.0.1", 0))
+        return int(trial.getsockname()[1])
+
+
+def main() -> int:
+    """Entry point of ``ros2 run bow dashboard``."""
+    return live(DashboardNode, description=HELP)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

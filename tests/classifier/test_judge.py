@@ -1,0 +1,253 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kinematics import (
+    GEOMETRY,
+    HEIGHT,
+    Record,
+    aperiodic,
+    chunks,
+    helmholtz,
+    multiple_flyback,
+    multiple_slip,
+    silence,
+    sticking_flybacks,
+    with_ripple_slips,
+)
+from reference import corners as slow_corners
+from reference import periodicity as slow_periodicity
+from reference import slips as slow_slips
+
+from bow_classifier.judge import BlockJudge, Geometry
+from bow_classifier.regime import REGIMES, Thresholds, history
+from bow_classifier.slips import Intervals
+from bow_sim.kernel import Block
+from bow_sim.model import Parameters
+
+TESTS = 4
+SAMPLES = TESTS * GEOMETRY.samples
+
+
+def judge(records, thresholds=None):
+    """Return the judgements on every chunk of a block."""
+    judge = BlockJudge(GEOMETRY, thresholds or Thresholds(), len(records))
+    return [judge.judge(*chunk) for chunk in chunks(records)]
+
+
+def regimes(record, thresholds=None):
+    """Return the regime of one cell at every test after the first."""
+    return {REGIMES[one.regime[0]] for one in judge([record], thresholds)[1:]}
+
+
+phases = st.floats(0, 1, exclude_max=True)
+
+
+@given(phases)
+def test_helmholtz_motion_is_found_wherever_in_its_period_the_window_begins(phase):
+    record = helmholtz(SAMPLES, phase=phase)
+    for one in judge([record])[1:]:
+        assert (one.slips[0], one.corners[0]) == (5, 5)
+        assert one.period[0] == pytest.approx(139, abs=0.01)
+        assert one.correlation[0] > 0.999
+        assert one.passed.all()
+
+
+@given(phases, st.integers(0, 1000), st.floats(0, 0.02))
+def test_a_little_noise_changes_no_verdict(phase, seed, share):
+    noise = np.random.default_rng(seed).normal(size=SAMPLES) * HEIGHT * share
+    for make, name in ((helmholtz, "helmholtz"), (lambda n, **k: multiple_flyback(n, 3, **k), "multiple_flyback")):
+        record = make(SAMPLES, phase=phase)
+        assert regimes(Record(record.bridge_force + noise, record.slips)) == {name}
+
+
+@given(phases)
+def test_extra_slips_of_schelleng_ripples_are_insignificant(phase):
+    record = helmholtz(SAMPLES, phase=phase)
+    assert regimes(with_ripple_slips(record, 0.03)) == {"helmholtz"}
+    assert regimes(with_ripple_slips(record, 0.2)) == {"multiple_slip"}
+    assert regimes(with_ripple_slips(record, 0.03), Thresholds(slip=0.02)) == {"multiple_slip"}
+
+
+@given(phases, st.integers(2, 4))
+def test_two_and_more_slips_a_period_are_multiple_slip(phase, count):
+    for one in judge([multiple_slip(SAMPLES, count, phase=phase)])[1:]:
+        assert one.slips[0] == 5 * count
+        assert REGIMES[one.regime[0]] == "multiple_slip"
+
+
+@pytest.mark.parametrize("corners", [3, 5, 7])
+@given(phases)
+def test_a_cluster_of_flybacks_shows_as_many_corners_and_one_slip_a_period(corners, phase):
+    for one in judge([multiple_flyback(SAMPLES, corners, phase=phase)])[1:]:
+        assert (one.slips[0], one.corners[0]) == (5, 5 * corners)
+        assert REGIMES[one.regime[0]] == "multiple_flyback"
+
+
+@pytest.mark.parametrize("corners", [3, 5])
+@given(phases)
+def test_sticks_between_the_flybacks_of_a_cluster_make_it_no_multiple_slip(corners, phase):
+    for one in judge([sticking_flybacks(SAMPLES, corners, phase=phase)])[1:]:
+        assert (one.slips[0], one.corners[0]) == (5 * corners, 5 * corners)
+        assert REGIMES[one.regime[0]] == "multiple_flyback"
+
+
+@given(st.integers(0, 1000))
+def test_random_flybacks_are_aperiodic(seed):
+    assert regimes(aperiodic(SAMPLES, seed)) == {"aperiodic"}
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0, -1e4])
+def test_a_string_at_rest_does_not_oscillate(level):
+    assert regimes(silence(SAMPLES, level)) == {"no_oscillation"}
+    record = helmholtz(SAMPLES)
+    assert regimes(Record(record.bridge_force * 0.01 + level, [])) == {"no_oscillation"}
+
+
+@given(phases, st.floats(136.5, 142.5))
+def test_a_period_off_the_nominal_one_is_measured_and_costs_a_test_only_at_the_windows_borders(phase, period):
+    for one in judge([helmholtz(SAMPLES, phase=phase, period=period)])[1:]:
+        assert one.period[0] == pytest.approx(period, abs=0.5)  # sharp jumps lock to the sample grid
+        assert 4 <= one.slips[0] <= 6
+        assert one.passed[0] == (one.slips[0] == 5 and one.corners[0] == 5)
+
+
+@settings(max_examples=30)
+@given(st.permutations(range(9)), st.integers(1, 8))
+def test_a_cells_verdict_depends_on_nothing_but_the_cell_bit_for_bit(order, alone):
+    makers = [helmholtz, multiple_slip, aperiodic, silence]
+    noise = np.random.default_rng(5).normal(size=(9, SAMPLES)) * 0.05
+    records = [makers[i % 4](SAMPLES) for i in range(9)]
+    records = [Record(r.bridge_force + noise[i], r.slips) for i, r in enumerate(records)]
+    together = judge(records)
+    shuffled = judge([records[i] for i in order])
+    single = judge([records[alone]])
+    for a, b, c in zip(together, shuffled, single, strict=True):
+        for name in a._fields:
+            whole = getattr(a, name)
+            assert whole[list(order)].tobytes() == getattr(b, name).tobytes()
+            assert whole[alone : alone + 1].tobytes() == getattr(c, name).tobytes()
+
+
+def test_verdicts_have_the_types_of_the_message():
+    one = judge([helmholtz(SAMPLES)])[0]
+    kinds = {name: getattr(one, name).dtype.name for name in one._fields}
+    assert kinds == {
+        "correlation": "float32",
+        "period": "float32",
+        "slips": "uint16",
+        "corners": "uint16",
+        "regime": "uint8",
+        "confidence": "float32",
+    }
+
+
+def test_thresholds_scale_with_the_bow_speed():
+    record = helmholtz(SAMPLES)
+    half = Record(record.bridge_force / 2, [(onset, duration, slip / 2) for onset, duration, slip in record.slips])
+    judge = BlockJudge(GEOMETRY, Thresholds(), 2, np.array([1.0, 0.5]))
+    ones = [judge.judge(*chunk) for chunk in chunks([record, half])]
+    for one in ones[1:]:
+        assert one.passed.all()
+        assert one.confidence[0] == pytest.approx(one.confidence[1], rel=1e-5)
+
+
+def test_a_refused_chunk_leaves_the_state_as_it_was():
+    first, second, third, fourth = chunks([helmholtz(SAMPLES, phase=0.06)])
+    judge, same = BlockJudge(GEOMETRY, Thresholds(), 1), BlockJudge(GEOMETRY, Thresholds(), 1)
+    judge.judge(*first)
+    same.judge(*first)
+    with pytest.raises(ValueError, match="at the end of the chunk before"):
+        judge.judge(second[0], second[1]._replace(slipping=1 - second[1].slipping))
+    with pytest.raises(ValueError, match="should be"):
+        judge.judge(second[0][:, 1:], second[1])
+    for chunk in (second, third, fourth):
+        for a, b in zip(judge.judge(*chunk), same.judge(*chunk), strict=True):
+            assert a.tobytes() == b.tobytes()
+
+
+@pytest.fixture(scope="module")
+def bowed():
+    """A corner of everything: 24 stiff and 24 delta cells over the plane, 60 periods."""
+    result = []
+    for model in ("stiff_cremer", "delta_cremer"):
+        parameters = Parameters(model=model, v_mid=0.2, periods=60)
+        plane = np.meshgrid(np.geomspace(0.5, 20, 6), np.linspace(0, 2, 4))
+        lanes = {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()}
+        block = Block(parameters, lanes)
+        result.append((parameters, [block.advance() for _ in range(parameters.chunks)]))
+    return result
+
+
+def intervals(chunk):
+    return Intervals(*(getattr(chunk, name) for name in Intervals._fields))
+
+
+def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
+    seen = set()
+    for parameters, simulated in bowed:
+        thresholds, geometry = Thresholds(), Geometry.of(parameters)
+        judge = BlockJudge(geometry, thresholds, 24)
+        force = np.concatenate([chunk.bridge_force for chunk in simulated], axis=1).astype(float)
+        slipping, speed = np.zeros(force.shape, bool), np.zeros(force.shape)
+        for test, chunk in enumerate(simulated):
+            for cell in range(24):  # the sum of an interval on its last sample is as good as its parts
+                for k in range(chunk.offsets[cell], chunk.offsets[cell + 1]):
+                    onset = test * geometry.samples + int(chunk.onset[k])
+                    slipping[cell, onset : onset + int(chunk.duration[k])] = True
+                    speed[cell, onset + int(chunk.duration[k]) - 1] = chunk.slip[k]
+        for test, chunk in enumerate(simulated):
+            found = judge.judge(chunk.bridge_force, intervals(chunk))
+            begin, end = test * geometry.samples, (test + 1) * geometry.samples
+            for cell in range(24):
+                correlation, period = slow_periodicity(force[cell], end, geometry.period, range(135, 146))
+                level = thresholds.corner * geometry.period / geometry.bow_bridge
+                corners = slow_corners(force[cell], begin, end, geometry.bow_bridge, level)
+                slips = slow_slips(slipping[cell], speed[cell], begin, end, thresholds.slip * geometry.period)
+                np.testing.assert_allclose(found.correlation[cell], correlation, atol=2e-6)
+                np.testing.assert_allclose(found.period[cell], period, rtol=1e-5)
+                assert (found.corners[cell], found.slips[cell]) == (corners, slips)
+                passed = correlation > 0.95 and corners == slips == 5
+                assert found.passed[cell] == passed or abs(correlation - 0.95) < 1e-6
+                assert 0 <= found.confidence[cell] <= 1
+            seen |= {REGIMES[code] for code in found.regime}
+    assert {"helmholtz", "multiple_slip", "aperiodic"} <= seen
+
+
+@pytest.mark.parametrize(("force", "periods"), [(5.5, 16.0), (5.3, 21.0)])
+def test_the_papers_transients_end_in_helmholtz_motion(force, periods):
+    parameters = Parameters(model="delta_cremer", v_mid=0.7, f_asym=force, f_init_ratio=1.0)
+    block = Block(parameters, {"f_asym": np.array([force])})
+    judge = BlockJudge(Geometry.of(parameters), Thresholds(), 1)
+    simulated = (block.advance() for _ in range(parameters.chunks))
+    passed = np.array([judge.judge(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
+    transient, regressions = history(passed)
+    assert periods <= transient[0] <= periods + 10  # regular from there on; the window is five periods long
+    assert regressions[0] == 0
+
+
+@pytest.mark.parametrize(("model", "least", "most"), [("stiff_cremer", 0.48, 0.57), ("delta_cremer", 0.25, 0.33)])
+def test_every_fourth_row_and_column_of_fig_11_c_and_d_has_its_share_of_helmholtz_motion(model, least, most):
+    parameters = Parameters(model=model, v_mid=0.2)
+    x, y = np.geomspace(0.5, 20, 128)[2::4], np.linspace(0, 2, 64)[2::4]
+    share = []
+    for f_init_ratio in y.reshape(-1, 4):
+        plane = np.meshgrid(x, f_init_ratio)
+        block = Block(parameters, {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()})
+        judge = BlockJudge(Geometry.of(parameters), Thresholds(), block.cells)
+        simulated = (block.advance() for _ in range(parameters.chunks))
+        passed = np.array([judge.judge(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
+        share.append((history(passed)[0] > 0).mean())
+    assert least < np.mean(share) < most
+
+
+def test_the_analysis_imports_no_ros_no_mcap_no_rerun():
+    modules = ("corners", "judge", "periodicity", "regime", "slips", "stream", "task")
+    code = "import sys\n" + "".join(f"import bow_classifier.{module}\n" for module in modules)
+    code += "bad = {m.split('.')[0] for m in sys.modules} & {'rclpy', 'mcap', 'rerun', 'bow_msgs', 'bow_sweep'}\n"
+    subprocess.run([sys.executable, "-c", code + "assert not bad, bad"], check=True)

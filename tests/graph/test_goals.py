@@ -1,0 +1,195 @@
+"""The graph as ROS users have it: nodes started one by one, a goal sent, rubbish on the topics."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rclpy
+from bow_msgs.action import RunSweep, Simulate
+from bow_msgs.msg import BridgeForce, Health, Receipt, StickSlip, SweepSpec, Verdicts
+from graph import PATIENCE_S, assert_same_map, verified
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bow_sim import wire
+from bow_sim.kernel import fingerprint
+from bow_sim.ros import STREAM
+from bow_sweep.plan import Sweep
+
+SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+
+class Client:
+    """A node of the test's own, in a context of its own."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node: Node = rclpy.create_node("client", namespace="/bow", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def until(self, future: rclpy.Future) -> object:
+        self.executor.spin_until_future_complete(future, PATIENCE_S)
+        assert future.done()
+        return future.result()
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def client(ros_domain: int) -> Iterator[Client]:
+    made = Client()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def nodes(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
+    """The nodes of a graph without a supervisor, as `ros2 run` starts them; yields runs_dir."""
+    runs = tmp_path / "runs"
+    processes = [
+        subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role, "--ros-args", "-p", f"runs_dir:={runs}"])
+        for role in ("coordinator", "recorder", "dashboard")
+    ] + [subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role]) for role in ("classifier", "simulator")]
+    yield runs
+    for process in processes:
+        process.terminate()
+    assert [process.wait(30) for process in processes] == [0] * len(processes)
+
+
+def send(client: Client, spec: SweepSpec, feedback: list | None = None) -> object:
+    action = ActionClient(client.node, RunSweep, "run_sweep")
+    assert action.wait_for_server(30)
+    seen = feedback if feedback is not None else []
+    return client.until(action.send_goal_async(RunSweep.Goal(spec=spec), feedback_callback=seen.append))
+
+
+def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
+    nodes: Path, client: Client, undisturbed: Path
+) -> None:
+    for preset, settings in (("nope", []), ("fig11d", ["f_asym=-1"]), ("fig11d", ["x.count=0"])):
+        refused = send(client, SweepSpec(preset=preset, settings=settings))
+        assert not refused.accepted  # type: ignore[attr-defined]
+
+    feedback: list = []
+    goal = send(client, SweepSpec(preset="fig11d", settings=SETTINGS), feedback)
+    assert goal.accepted  # type: ignore[attr-defined]
+    stop = threading.Event()
+    vandal = threading.Thread(target=publish_rubbish, args=(client.node, stop))
+    vandal.start()
+    answer = client.until(goal.get_result_async())  # type: ignore[attr-defined]
+    stop.set()
+    vandal.join()
+    result = answer.result  # type: ignore[attr-defined]
+    assert (result.cells_planned, result.cells_done, result.cells_quarantined) == (128, 128, 0), result.message
+    run = Path(result.directory)
+    assert run == nodes / result.run_id
+    verified(run)
+    assert_same_map(undisturbed, run)
+    for message in feedback:
+        f = message.feedback
+        assert f.cells_planned == f.cells_done + f.cells_quarantined + f.cells_outstanding == 128
+
+
+def publish_rubbish(node: Node, stop: threading.Event) -> None:
+    """Random bytes, messages of a run that is not there, and such whose arrays don't fit."""
+    kinds = {"bridge_force": BridgeForce, "stick_slip": StickSlip, "verdicts": Verdicts, "receipts": Receipt}
+    publishers = [node.create_publisher(kind, topic, STREAM) for topic, kind in kinds.items()]
+    rng = np.random.default_rng(1)
+    common = {"run_id": "x", "sweep_id": "y", "block": 2**32 - 1, "chunk": 0, "attempt": 1, "incarnation": "z"}
+    odd = {**common, "cells": np.arange(3), "first_sample": 0, "samples": 9, "data": np.full(5, np.nan)}
+    messages = [
+        wire.ENCAPSULATION + rng.bytes(400),
+        wire.ENCAPSULATION,
+        wire.encode("BridgeForce", odd),
+        wire.encode("BridgeForce", {**odd, "samples": 2**32 - 1}),
+    ]
+    while not stop.wait(0.01):
+        for publisher in publishers:
+            for message in messages:
+                publisher.publish(message)
+
+
+@pytest.fixture
+def simulator(ros_domain: int) -> Iterator[object]:
+    """A simulator node in this process that believes it is ready for a run."""
+    from bow_sim.node import SimulatorNode
+
+    rclpy.init()
+    node = SimulatorNode()
+    node._run = ("run", Sweep.from_spec("fig11d", SETTINGS).sweep_id)
+    node.health.state = Health.READY
+    yield node
+    node.close()
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def test_a_simulator_rejects_goals_that_cannot_be_right(simulator: object) -> None:
+    sweep = Sweep.from_spec("fig11d", SETTINGS)
+    cells = sweep.block(3)
+    lanes = sweep.lanes(cells)
+
+    def objection(**changes: object) -> str:
+        goal = Simulate.Goal(
+            run_id="run",
+            sweep_id=sweep.sweep_id,
+            epoch=1,
+            fingerprint=fingerprint(),
+            spec=SweepSpec(settings=list(sweep.settings())),
+            block=3,
+            attempt=1,
+            cells=cells,
+            x=lanes["f_asym"],
+            y=lanes["f_init_ratio"],
+        )
+        for name, value in changes.items():
+            setattr(goal, name, value)
+        said: str = simulator._objection(goal)  # type: ignore[attr-defined]
+        return said
+
+    assert objection() == ""
+    assert "array lengths" in objection(x=lanes["f_asym"][:-1])
+    assert "array lengths" in objection(cells=[], x=[], y=[])
+    assert "f_asym" in objection(x=-lanes["f_asym"])
+    assert "f_asym" in objection(x=np.full(8, np.nan))
+    assert "f_init_ratio" in objection(y=np.full(8, np.inf))
+    assert "cells" in objection(cells=cells + 128)
+    assert "cells" in objection(cells=np.zeros(8, np.uint32))
+    assert "kernel" in objection(fingerprint="another")
+    assert "is not the open one" in objection(run_id="another")
+    assert "is not the open one" in objection(sweep_id="another")
+    assert "v_mid" in objection(spec=SweepSpec(settings=[*sweep.settings(), "v_mid=1"]))
+    assert "nonsense" in objection(spec=SweepSpec(settings=["nonsense"]))
+    simulator._epoch = 2  # type: ignore[attr-defined]
+    assert "epoch 1 is over" in objection()
+    simulator.health.state = Health.STARTING  # type: ignore[attr-defined]
+    assert "not ready" in objection(epoch=2)
+
+
+def test_a_simulator_alone_is_not_ready(client: Client) -> None:
+    process = subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", "simulator"])
+    states: list = []
+    client.node.create_subscription(Health, "health", lambda m: states.append((m.role, m.state)), 10)
+    deadline = time.monotonic() + 30
+    while len(states) < 3 and time.monotonic() < deadline:
+        client.executor.spin_once(0.1)
+    process.terminate()
+    assert process.wait(30) == 0
+    assert states
+    assert set(states) <= {("simulator", Health.STARTING), ("simulator", Health.CLOSED)}

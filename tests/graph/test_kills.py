@@ -1,0 +1,76 @@
+"""SIGKILL one process of each role: the sweep goes on, or can be gone on with, and the account is exact."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from graph import SMALL, TINY, assert_same_map, orphans, sweeping, verified
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+
+@pytest.mark.parametrize("role", ["simulator", "classifier", "recorder", "dashboard"])
+def test_the_sweep_goes_on_by_itself_after_a_kill(role: str, undisturbed: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        sweep.kill(role)
+        assert sweep.wait() == 0, sweep.text
+        assert "killed by SIGKILL" in sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+    assert orphans(run) == []
+
+
+@pytest.mark.parametrize("role", ["simulator", "classifier", "recorder"])
+def test_a_sweep_of_four_cells_does_not_hang(role: str, undisturbed_tiny: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *TINY, "--out", str(run)) as sweep:
+        sweep.wait_until((run / "ledger.jsonl").exists)
+        sweep.kill(role)
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(undisturbed_tiny, run)
+
+
+def test_without_its_coordinator_a_sweep_stops_and_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        sweep.kill("coordinator")
+        assert sweep.wait() == 1, sweep.text
+        assert f"bow sweep --resume {run}" in sweep.text
+    assert orphans(run) == []
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+
+
+def test_a_killed_supervisor_takes_its_processes_with_it(undisturbed: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        family = sweep.children()
+        os.kill(sweep.process.pid, signal.SIGKILL)
+        for process in family:
+            process.wait(30)
+    assert orphans(run) == []
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+
+
+def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        for process in [*sweep.children(), sweep.process]:
+            os.kill(process.pid, signal.SIGKILL)
+        sweep.wait()
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)

@@ -1,0 +1,302 @@
+"""`bow verify`: what was recorded is accounted for, and no change to it goes unseen."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+import recording
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from bow_sim import wire
+from bow_sweep.basin import Basin
+from bow_sweep.record.bag import METADATA, bag_files, messages
+from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED, read_head
+from bow_sweep.record.mcapfile import McapWriter
+from bow_sweep.record.metadata import FileInfo, render
+from bow_sweep.record.replay import load_verdicts
+from bow_sweep.record.scan import Scan
+from bow_sweep.record.verify import verify
+from bow_sweep.view.maps import MapFile, write_map_npz
+
+SWEEP = recording.small_sweep()
+
+
+def whats(result):
+    return " | ".join(problem["what"] for problem in result["problems"])
+
+
+def test_a_recorded_sweep_is_accounted_for_to_the_last_sample(recorded):
+    calls = []
+    result = verify(recorded, progress=lambda done, total: calls.append(done / total))
+    assert result["ok"], whats(result)
+    assert result["cells"] == result["cells_planned"] == 12
+    assert result["chunks"] == result["verdicts_equal"] == 12
+    assert result["samples"] == 12 * 20 * 139
+    assert result["quarantined_blocks"] == []
+    assert json.loads(json.dumps(result)) == result
+    assert calls == sorted(calls)
+    assert calls[-1] == 1.0
+
+
+def test_a_bag_alone_can_be_verified(recorded):
+    assert verify(recorded / "bag")["ok"]
+
+
+@settings(max_examples=80, deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+@example(place=0.0, bit=0)
+@example(place=0.9999999, bit=7)
+def test_every_changed_byte_of_the_bag_is_seen(recorded, place, bit):
+    path = bag_files(recorded / "bag")[0]
+    content = path.read_bytes()
+    changed = bytearray(content)
+    changed[int(place * len(content))] ^= 1 << bit
+    try:
+        path.write_bytes(changed)
+        result = verify(recorded)
+    finally:
+        path.write_bytes(content)
+    assert not result["ok"]
+    assert result["problems"][0]["what"]
+    json.dumps(result)
+
+
+@pytest.mark.parametrize("part", ["header", "chunk", "index", "data end", "summary", "footer", "magic"])
+def test_a_changed_byte_is_seen_in_every_part_of_a_file(run, part):
+    path = bag_files(run / "bag")[0]
+    scan = Scan(path).run()
+    chunk = scan.contents.chunks[2]
+    size = path.stat().st_size
+    place = {
+        "header": 20,
+        "chunk": chunk.chunk_start_offset + 3000,
+        "index": chunk.chunk_start_offset + chunk.chunk_length + 20,
+        "data end": scan.good_end + 10,
+        "summary": scan.good_end + 500,
+        "footer": size - 20,
+        "magic": size - 3,
+    }[part]
+    content = bytearray(path.read_bytes())
+    content[place] ^= 0x10
+    path.write_bytes(content)
+    result = verify(run)
+    assert not result["ok"]
+    named = [problem for problem in result["problems"] if "bytes" in problem and problem["file"] == "bag_0.mcap"]
+    assert any(problem["bytes"][0] <= place for problem in named)
+
+
+def test_a_changed_byte_of_the_metadata_is_seen(run):
+    path = run / "bag" / METADATA
+    content = path.read_bytes()
+    for place in range(0, len(content), 97):
+        changed = bytearray(content)
+        changed[place] ^= 1
+        path.write_bytes(changed)
+        assert not verify(run)["ok"], f"byte {place}"
+    path.unlink()
+    assert "cannot be read" in whats(verify(run))
+
+
+def rewritten(run, keep, renumber):
+    """Write the bag again, all checksums right, with the messages that `keep` wants."""
+    path = bag_files(run / "bag")[0]
+    scan = Scan(path)
+    found = list(scan.messages())
+    names = {number: channel.topic for number, channel in scan.contents.channels.items()}
+    path.unlink()
+    writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values())
+    kept = [m for n, m in enumerate(found) if keep(n, names[m.channel].rpartition("/")[2])]
+    for number, message in enumerate(kept, 1):
+        sequence = number if renumber else message.sequence
+        writer.add(message.channel, sequence, message.log_time, message.publish_time, message.data)
+        writer.commit()
+    writer.finish()
+    (run / "bag" / METADATA).write_text(render([FileInfo.of(path.name, writer.contents)]))
+    return found, kept
+
+
+def test_a_bag_written_again_in_other_chunks_still_holds(run):
+    rewritten(run, lambda n, topic: True, renumber=False)
+    assert verify(run)["ok"]
+
+
+def test_a_message_that_is_cut_out_is_missed(recorded, tmp_path):
+    total = len(list(messages(recorded / "bag")))
+    for cut in range(total):
+        run = tmp_path / str(cut)
+        recording.copy(recorded, run)
+        rewritten(run, lambda n, topic, cut=cut: n != cut, renumber=False)
+        assert not verify(run)["ok"], f"message {cut} of {total}"
+
+
+@pytest.mark.parametrize("topic", ["bridge_force", "stick_slip", "verdicts", "receipts", "plan"])
+@pytest.mark.parametrize("which", [0, -1])
+def test_a_message_that_is_cut_out_is_missed_even_where_the_rest_is_numbered_anew(run, topic, which):
+    rewritten(run, lambda n, name: True, renumber=True)
+    assert verify(run)["ok"]
+    places = [n for n, message in enumerate(messages(run / "bag")) if message.topic == topic]
+    rewritten(run, lambda n, name: n != places[which], renumber=True)
+    result = verify(run)
+    assert not result["ok"]
+    if topic not in ("plan", "receipts"):
+        missing = next(problem for problem in result["problems"] if problem["what"] == "missing")
+        assert missing["run"] == recording.RUN
+        assert missing["topics"] == [topic]
+        assert (missing["block"], missing["chunk"]) == ((0, 0) if which == 0 else (2, 3))
+
+
+def test_a_message_that_is_doubled_or_moved_is_seen(run):
+    found, _ = rewritten(run, lambda n, topic: True, renumber=False)
+    path = bag_files(run / "bag")[0]
+    for order in ([0, 1, 2, 3, 3, *range(4, len(found))], [0, 2, 1, *range(3, len(found))]):
+        scan = Scan(path).run()
+        path.unlink()
+        writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values())
+        for n in order:
+            writer.add(found[n].channel, found[n].sequence, found[n].log_time, found[n].publish_time, found[n].data)
+        writer.finish()
+        (run / "bag" / METADATA).write_text(render([FileInfo.of(path.name, writer.contents)]))
+        result = verify(run)
+        assert "some are missing or moved" in whats(result)
+        assert ("stored twice" in whats(result)) == (len(order) > len(found))
+
+
+def altered(tmp_path, **changes):
+    """Record the sweep with other fields in the sealed messages of block 1, chunk 2, seals right; return the run."""
+    run = tmp_path / "altered"
+    session = recording.session(run, SWEEP)
+    for topic, data in recording.everything(SWEEP):
+        name = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}[topic]
+        values = wire.decode(name, data)
+        if (values["block"], values["chunk"]) == (1, 2) and topic in changes:
+            data = wire.encode(name, {**values, **changes[topic](values)})  # noqa: PLW2901
+        session.take(topic, data, time.time_ns())
+    recording.finish(session, SWEEP)
+    return run
+
+
+def test_verdicts_that_do_not_follow_from_the_streams_are_named(tmp_path):
+    result = verify(altered(tmp_path, verdicts=lambda v: {"corners": v["corners"] + 1, "regime": 0 * v["regime"] + 5}))
+    assert not result["ok"]
+    problem = next(p for p in result["problems"] if "derived again" in p["what"])
+    assert (problem["run"], problem["block"], problem["chunk"]) == (recording.RUN, 1, 2)
+    assert "corners, regime" in problem["what"]
+    assert result["verdicts_equal"] == 11
+
+
+def test_streams_that_are_not_those_that_were_judged_are_named(tmp_path):
+    result = verify(altered(tmp_path, bridge_force=lambda v: {"data": v["data"] * np.float32(1.01)}))
+    problem = next(p for p in result["problems"] if p["what"].startswith("the verdicts are on chunk"))
+    assert (problem["block"], problem["chunk"]) == (1, 2)
+
+
+def test_slips_that_do_not_continue_the_chunk_before_are_named(tmp_path):
+    result = verify(altered(tmp_path, stick_slip=lambda v: {"slipping": 1 - v["slipping"]}))
+    assert "block 1, chunk 2: the classifier does not take it" in whats(result)
+
+
+def test_an_unfinished_run_says_what_is_outstanding(tmp_path):
+    run = tmp_path / "run"
+    session = recording.session(run, SWEEP)
+    for chunk in recording.chunks(SWEEP, 0):
+        for topic, data in chunk.items():
+            session.take(topic, data, time.time_ns())
+    session.close(time.time_ns())
+    result = verify(run)
+    assert not result["ok"]
+    assert "the last plan is open" in whats(result)
+    assert [p["block"] for p in result["problems"] if p["what"].startswith("outstanding")] == [0, 1, 2]
+
+
+def test_a_torn_bag_says_how_to_repair_it(run):
+    path = bag_files(run / "bag")[0]
+    path.write_bytes(path.read_bytes()[:-3])
+    assert "`bow recover` repairs it" in whats(verify(run))
+
+
+def quarantined_run(run):
+    """Record a sweep of which block 1 is given up after one chunk."""
+    session = recording.session(run, SWEEP)
+    for topic, data in recording.everything(SWEEP):
+        head = read_head(data)
+        if head.block != 1 or head.chunk == 0:
+            session.take(topic, data, time.time_ns())
+    states = np.array([DONE, QUARANTINED, DONE], np.uint8)
+    data = recording.plan(SWEEP, CLOSED, states=states)
+    session.plan(wire.decode("Plan", data), data, time.time_ns())
+    session.close(time.time_ns())
+
+
+def test_a_quarantined_block_is_named_and_the_rest_is_accounted_for(tmp_path):
+    quarantined_run(tmp_path / "run")
+    result = verify(tmp_path / "run")
+    assert result["ok"], whats(result)
+    assert result["quarantined_blocks"] == [1]
+    assert (result["cells"], result["cells_quarantined"], result["cells_planned"]) == (7, 5, 12)
+
+
+def basin_of(run):
+    layers = load_verdicts(run)
+    basin = Basin(SWEEP.x.count, SWEEP.y.count, SWEEP.chunks)
+    for test in range(SWEEP.chunks):
+        cells = np.flatnonzero(layers["tested"][test])
+        basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})
+    return basin
+
+
+def test_the_map_is_held_against_the_verdicts(run):
+    write_map_npz(run / "map.npz", MapFile.of(SWEEP, basin_of(run), recording.RUN))
+    assert verify(run)["ok"], whats(verify(run))
+    for name, place in (("transient_periods", (1, 2)), ("regime", (0, 0)), ("correlation", (3, 2, 1))):
+        with np.load(run / "map.npz") as file:
+            arrays = dict(file)
+        right = arrays[name].copy()
+        arrays[name][place] += 1
+        np.savez(run / "map.npz", **arrays)
+        result = verify(run)
+        cell = place[-2] * 4 + place[-1]
+        assert f"{name} is not what the verdicts say, in 1 places, first at cell {cell}" in whats(result)
+        np.savez(run / "map.npz", **{**arrays, name: right})
+    (run / "map.npz").write_bytes(b"rubbish")
+    assert "cannot be read" in whats(verify(run))
+
+
+def test_a_map_is_grey_where_a_block_was_given_up(tmp_path):
+    run = tmp_path / "run"
+    quarantined_run(run)
+    grey = np.zeros(12, bool)
+    grey[5:10] = True
+    write_map_npz(run / "map.npz", MapFile.of(SWEEP, basin_of(run), recording.RUN, grey))
+    assert verify(run)["ok"], whats(verify(run))
+
+
+def test_the_ledger_is_held_against_the_bag(run):
+    lines = [{"event": "planned", "run_id": recording.RUN, "sweep_id": SWEEP.sweep_id}]
+    for block in range(3):
+        lines += [{"event": "dispatched", "block": block}, {"event": "done", "block": block}]
+    ledger = run / "ledger.jsonl"
+
+    def write(entries, tail=""):
+        ledger.write_text("".join(json.dumps(line) + "\n" for line in entries) + tail)
+
+    write(lines, tail='{"event": "disp')  # cut off by a crash
+    assert verify(run)["ok"], whats(verify(run))
+    write(lines[:-1])
+    assert "the ledger says outstanding, the plan in the bag done" in whats(verify(run))
+    write([{**lines[0], "run_id": "f" * 16}, *lines[1:]])
+    assert "another run's" in whats(verify(run))
+    ledger.write_text("rubbish\n" + ledger.read_text())
+    assert "line 1 is no entry" in whats(verify(run))
+
+
+def test_what_is_no_run_is_said_to_be_none(tmp_path):
+    result = verify(tmp_path)
+    assert not result["ok"]
+    assert "holds no bag" in whats(result)
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "bag_0.mcap").write_bytes(b"rubbish")
+    result = verify(tmp_path)
+    assert not result["ok"]
+    assert "the bag holds no plan" in whats(result)

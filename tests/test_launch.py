@@ -1,0 +1,290 @@
+"""The launch files start the graph they promise.
+
+`launch` and `launch_ros` are not among the ROS wheels; these stand-ins know only the names and arguments of
+Jazzy's classes that our files may use, and refuse all others. What a launch file comes to in the end is a list of
+command lines, and those are run for real.
+"""
+
+from __future__ import annotations
+
+import os
+import py_compile
+import runpy
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import yaml
+from checkout import ROOT, assigned
+
+FILES = sorted((ROOT / "launch").glob("*.launch.py"))
+
+
+# ---- Jazzy's launch and launch_ros, as far as our files may use them
+
+
+@dataclass
+class LaunchDescription:
+    entities: list[Any]
+
+
+@dataclass
+class LaunchContext:
+    launch_configurations: dict[str, str]
+
+
+@dataclass
+class DeclareLaunchArgument:
+    name: str
+    default_value: str | None = None
+    description: str | None = None
+
+    def __post_init__(self) -> None:
+        assert isinstance(self.default_value, str | None), "a default is a text"
+
+
+@dataclass(kw_only=True)
+class OpaqueFunction:
+    function: Any
+
+
+@dataclass
+class SetEnvironmentVariable:
+    name: str
+    value: str
+
+
+@dataclass(kw_only=True)
+class Shutdown:
+    reason: str
+
+
+@dataclass
+class ParameterValue:
+    value: Any
+    value_type: Any = field(kw_only=True)
+
+
+@dataclass(kw_only=True)
+class ExecuteProcess:
+    cmd: list[str]
+    output: str = "log"
+    on_exit: Shutdown | None = None
+
+
+@dataclass(kw_only=True)
+class Node:
+    package: str
+    executable: str
+    name: str
+    namespace: str
+    parameters: list[dict[str, ParameterValue]] = field(default_factory=list)
+    output: str = "log"
+    emulate_tty: bool = False
+    respawn: bool = False
+    respawn_delay: float | None = None
+    on_exit: Shutdown | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        return {name: parameter.value for one in self.parameters for name, parameter in one.items()}
+
+    def command(self, prefix: Path, scratch: Path) -> list[str]:
+        """The command line that launch_ros makes of it."""
+        file = scratch / f"{self.name}.yaml"
+        file.write_text(yaml.dump({"/**": {"ros__parameters": self.given}}))
+        renamed = ["-r", f"__node:={self.name}", "-r", f"__ns:=/{self.namespace.strip('/')}"]
+        executable = prefix / "lib" / self.package / self.executable
+        return [str(executable), "--ros-args", *renamed, "--params-file", str(file)]
+
+
+STAND_INS = {
+    "launch": (LaunchContext, LaunchDescription),
+    "launch.actions": (DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, SetEnvironmentVariable, Shutdown),
+    "launch.launch_description_entity": (type("LaunchDescriptionEntity", (), {}),),
+    "launch_ros": (),
+    "launch_ros.actions": (Node,),
+    "launch_ros.parameter_descriptions": (ParameterValue,),
+}
+
+
+@pytest.fixture(autouse=True)
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, classes in STAND_INS.items():
+        module = ModuleType(name)
+        for one in classes:
+            setattr(module, one.__name__, one)
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def launched(file: str, **given: object) -> list[Any]:
+    """What `ros2 launch bow FILE name:=value ...` would start."""
+    (*declared, last) = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]().entities
+    values = {argument.name: argument.default_value for argument in declared}
+    assert set(given) <= set(values), "an argument that is not declared"
+    assert all(argument.description for argument in declared)
+    values |= {name: str(value) for name, value in given.items()}
+    assert None not in values.values(), "an argument without default was not given"
+    return list(last.function(LaunchContext(values)))
+
+
+def nodes(entities: list[Any]) -> dict[str, Node]:
+    return {entity.name: entity for entity in entities if isinstance(entity, Node)}
+
+
+# ---- the statements
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda path: path.name)
+def test_a_launch_file_compiles(file: Path, tmp_path: Path) -> None:
+    py_compile.compile(str(file), cfile=str(tmp_path / "compiled"), doraise=True)
+
+
+def test_a_sweep_is_one_node_of_each_kind_and_a_simulator_per_core() -> None:
+    graph = nodes(launched("sweep.launch.py"))
+    simulators = {f"simulator_{i + 1}" for i in range(len(os.sched_getaffinity(0)))}
+    assert set(graph) == {"coordinator", "classifier", "recorder", "dashboard"} | simulators
+    assert {node.executable for node in graph.values()} == set(assigned("NODES"))
+    assert {node.namespace for node in graph.values()} == {"bow"}
+
+
+def test_the_number_of_simulators_is_an_argument() -> None:
+    graph = nodes(launched("sweep.launch.py", simulators=5))
+    assert len([node for node in graph.values() if node.executable == "simulator"]) == 5
+
+
+def test_preset_and_settings_reach_the_coordinator(tmp_path: Path) -> None:
+    given = {"preset": "fig11d", "settings": "v_mid=0.3 x.count=16", "runs_dir": tmp_path, "once": "true"}
+    graph = nodes(launched("sweep.launch.py", **given))
+    assert graph["coordinator"].given == {
+        "preset": "fig11d",
+        "settings": ["v_mid=0.3", "x.count=16"],
+        "runs_dir": str(tmp_path),
+        "once": True,
+    }
+    assert graph["recorder"].given["runs_dir"] == graph["dashboard"].given["runs_dir"] == str(tmp_path)
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_a_parameter_has_the_type_it_is_declared_with(file: str, run: Path) -> None:
+    """A text stays a text, even where YAML would see a number in it."""
+    given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {"preset": "2024", "settings": "1 2"}
+    for node in nodes(launched(file, **given)).values():
+        for parameter in (parameter for one in node.parameters for parameter in one.values()):
+            kind = list if isinstance(parameter.value, list) else parameter.value_type
+            assert isinstance(parameter.value, kind)
+
+
+def test_the_run_ends_with_its_coordinator_and_survives_the_others() -> None:
+    for node in nodes(launched("sweep.launch.py")).values():
+        assert bool(node.on_exit) == (node.executable == "coordinator")
+        assert node.respawn == (node.executable != "coordinator")
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path) -> None:
+    given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+
+    def environment(**more: object) -> dict[str, str]:
+        entities = launched(file, **given, **more)
+        return {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
+
+    assert environment() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    assert environment(discovery_range="SUBNET")["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+
+
+def test_a_sweep_over_machines_leaves_our_loopback_profile(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
+    entities = launched("sweep.launch.py", discovery_range="SUBNET")
+    assert SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", "") in entities
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"simulators": "0"}, "simulators:=0: a whole number from 1 on"),
+        ({"simulators": "many"}, "simulators:=many: a whole number"),
+        ({"view": "maybe"}, "view:=maybe: true or false"),
+        ({"once": "1"}, "once:=1: true or false"),
+    ],
+)
+def test_a_wrong_argument_is_named_with_what_would_be_right(wrong: Mapping[str, str], message: str) -> None:
+    with pytest.raises(RuntimeError, match=message):
+        launched("sweep.launch.py", **wrong)
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run directory whose bag has a list of topics, and no more."""
+    bag = tmp_path / "a run" / "bag"
+    bag.mkdir(parents=True)
+    names = ("plan", "bridge_force", "stick_slip", "verdicts", "receipts", "basin_map")
+    topics = [{"topic_metadata": {"name": f"/bow/0123/{name}"}, "message_count": 1} for name in names]
+    information = {"rosbag2_bagfile_information": {"topics_with_message_count": topics}}
+    (bag / "metadata.yaml").write_text(yaml.dump(information))
+    return bag.parent
+
+
+def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Path) -> None:
+    entities = launched("replay.launch.py", run=run)
+    (play,) = (entity for entity in entities if isinstance(entity, ExecuteProcess))
+    assert play.cmd[:4] == ["ros2", "bag", "play", str(run / "bag")]
+    assert "/bow/0123/bridge_force:=/bow/replay/bridge_force" in play.cmd
+    assert not [word for word in play.cmd if "verdicts" in word or "receipts" in word]
+    assert set(nodes(entities)) == {"classifier", "dashboard"}
+    assert {node.namespace for node in nodes(entities).values()} == {"/bow/replay"}
+
+
+def test_a_replay_of_no_bag_is_told_so(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="not a complete rosbag2 directory"):
+        launched("replay.launch.py", run=tmp_path)
+
+
+@pytest.fixture
+def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
+    running: list[subprocess.Popen[bytes]] = []
+    yield running
+    for process in running:
+        process.terminate()
+    for process in running:
+        try:
+            process.wait(20)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+@pytest.mark.full
+def test_the_launched_graph_runs_a_sweep_to_its_end(
+    tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
+) -> None:
+    settings = "x.count=2 y.count=2 periods=10"
+    runs = tmp_path / "runs"
+    entities = launched("sweep.launch.py", preset="fig11d", settings=settings, runs_dir=runs, once="true", simulators=2)
+    environment = {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
+    graph = nodes(entities)
+    started = {}
+    for name, node in graph.items():
+        command = node.command(Path(sys.prefix), tmp_path)
+        with open(tmp_path / f"{name}.log", "wb") as log:
+            started[name] = subprocess.Popen(
+                command, stdout=log, stderr=subprocess.STDOUT, env=os.environ | environment, cwd=tmp_path
+            )
+        processes.append(started[name])
+    deadline = time.monotonic() + 120
+    while started["coordinator"].poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    logs = "\n".join(f"== {name}\n{(tmp_path / f'{name}.log').read_text()[-2000:]}" for name in graph)
+    assert started["coordinator"].returncode == 0, logs
+    assert {name: process.poll() for name, process in started.items() if name != "coordinator"} == dict.fromkeys(
+        set(graph) - {"coordinator"}
+    ), logs
+    (run,) = runs.iterdir()
+    assert (run / "bag" / "metadata.yaml").is_file(), logs
+    assert (run / "map.npz").is_file(), logs
