@@ -8,15 +8,19 @@ All in float32, as the stream is: eight samples at a time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bow_sim.simd import LANES, absolute, bits_of, load
+from bow_sim import simd
+from bow_sim.simd import LANES, absolute
 
 from .slips import NEIGHBOURS
+
+load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
+bits_of: Any = simd.bits_of
 
 _FACTORS = np.concatenate([[1.0], NEIGHBOURS])
 
@@ -81,7 +85,7 @@ def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[
     ----------
     record
         (cells, start + samples) bridge force; the window is ``record[:, start:]``, what precedes it came before
-        (0 before t = 0). At least 8 samples.
+        (0 before t = 0). The window has at least 8 samples.
     start
         Samples before the window, at least `delay` + 1: the sample before the window tells what is no onset.
     delay

@@ -13,7 +13,7 @@ from functools import partial
 
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
-from bow_sim.ros import LATCHED, STREAM, BowNode, RCLError, live
+from bow_sim.ros import LATCHED, STREAM, BowNode, RCLError, has_met, live
 
 from .stream import Classifier
 from .warm import warm
@@ -31,7 +31,7 @@ and judge a recorded sweep again with others by `bow replay`.
 
 listens to   plan, bridge_force, stick_slip      every sample, nothing left out
 publishes    verdicts                            per chunk and cell: correlation, period, slips, corners, regime
-             health                              once a second: READY when a sweep is open
+             health                              once a second: READY when a sweep is open and is heard
 
 It keeps the state of the blocks under way. If it is started again, the coordinator sees a new incarnation in its health
 and has the unfinished blocks sent again. Ctrl-C stops it.
@@ -57,7 +57,7 @@ class ClassifierNode(BowNode):
         self.create_subscription(Plan, "plan", self._on_plan, LATCHED, raw=True)
         for kind, topic in ((BridgeForce, "bridge_force"), (StickSlip, "stick_slip")):
             self.create_subscription(kind, topic, partial(self._on_stream, kind.__name__), STREAM, raw=True)
-        self.create_timer(RETRY_S, self._publish)
+        self.create_timer(RETRY_S, self._tick)
         self.become(Health.STARTING, "waiting for a plan")
 
     def _on_plan(self, data: bytes) -> None:
@@ -68,9 +68,16 @@ class ClassifierNode(BowNode):
             self.become(Health.FAILED, classifier.problem)
         elif classifier.task is None:
             self.become(Health.STARTING, "waiting for a plan", run="")
-        else:
-            self.become(Health.READY, run=classifier.task.run_id)
+        elif self.health.run_id != classifier.task.run_id:
+            self.become(Health.STARTING, "waiting for recorder and coordinator", run=classifier.task.run_id)
         self._note()
+
+    def _tick(self) -> None:
+        """Become ready once nobody can miss a verdict; publish again what could not go out."""
+        waits = self._classifier.task is not None and self.health.state == Health.STARTING
+        if waits and has_met(self, self._verdicts, ["recorder", "coordinator"]):
+            self.become(Health.READY)
+        self._publish()
 
     def _on_stream(self, name: str, data: bytes) -> None:
         self._send(self._classifier.take(name, data))

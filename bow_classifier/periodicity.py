@@ -7,13 +7,18 @@ local maximum. The largest counts; its place is the period.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bow_sim.simd import LANES, choose, load, root, spread, store
+from bow_sim import simd
+from bow_sim.simd import LANES, choose, root
+
+load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
+spread: Any = simd.spread
+store: Any = simd.store
 
 _CONSTANT = 1e-13
 """A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""

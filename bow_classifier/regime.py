@@ -127,7 +127,7 @@ class Thresholds:
         """Return every threshold as sorted "name=value" texts that read back to an equal object, bit for bit."""
         return tuple(f"{name}={getattr(self, name)!r}" for name in sorted(_fields()))
 
-    @property
+    @functools.cached_property
     def hash(self) -> str:
         """Hash of the thresholds and of the sources that apply them, 16 hexadecimal digits.
 

@@ -15,10 +15,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.extending import overload
 from numpy.typing import NDArray
 
+from bow_sim.cells import Cells
+from bow_sim.compiled import INLINE, njit, overload
 from bow_sim.simd import absolute, choose, load, root
 
 
@@ -70,7 +70,7 @@ def hyperbola(a: Any, limit: Any, slide: Any, d: Any, f_b: Any, slipping: Any) -
     return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
 
 
-_hyperbola = njit(nogil=True)(hyperbola)
+_hyperbola = njit(**INLINE)(hyperbola)
 
 
 def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
@@ -93,13 +93,19 @@ def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, An
     raise NotImplementedError(f"no friction law for {type(law).__name__}: overload bow_sim.friction.solve")
 
 
-@overload(solve, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(solve, strict=False, jit_options=INLINE)
 def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Hyperbola:
         return None
     return lambda law, lane, d, f_b, slipping: _hyperbola(
         load(law.a, lane), load(law.limit, lane), load(law.slide, lane), d, f_b, slipping
     )
+
+
+def law_of(cells: Cells) -> Hyperbola:
+    """Return the friction law of cells, arrays of shape (cells,); the choice is ``parameters.friction``."""
+    y = cells.of_ends("y")
+    return Hyperbola(cells.value("v_b") - cells.value("v_mid"), y * cells.value("mu_s"), y * cells.value("mu_d"))
 
 
 def sliding_coefficient(s: NDArray[np.float64], mu_s: float, mu_d: float, a: float) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.cells import Cells
 from bow_sim.model import Parameters
 
 
@@ -38,7 +39,7 @@ def levels(gesture: str, f_asym: Any, f_init_ratio: Any, v_b: Any) -> Levels:
     return Levels(f_asym, f_step, v_b, 0.0 * v_b)
 
 
-@functools.lru_cache(maxsize=4096)
+@functools.lru_cache(maxsize=8192)
 def decay(tau: float, start: int, samples: int) -> NDArray[np.float64]:
     """``exp(-t/tau)`` at ``t = start ... start + samples - 1``, read-only."""
     table = np.array([math.exp(-t / tau) for t in range(start, start + samples)])
@@ -62,20 +63,48 @@ def nothing(samples: int) -> NDArray[np.float64]:
     return table
 
 
-def force_shape(tau_f: float, start: int, samples: int) -> NDArray[np.float64]:
-    """F(t), shape (samples,)."""
-    return decay(tau_f, start, samples)
+def shapes(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """F(t) and V(t) of a gesture.
+
+    Parameters
+    ----------
+    p : Parameters
+    start, samples : int
+        The first sample, and how many.
+
+    Returns
+    -------
+    F, V : ndarray, shape (samples,), read-only
+    """
+    return _shapes(p.gesture, p.tau_f, p.tau_v, p.acceleration / p.period, start, samples)
 
 
-def speed_shape(
-    gesture: str, tau_v: float, acceleration: float, period: int, start: int, samples: int
-) -> NDArray[np.float64]:
-    """V(t), shape (samples,)."""
+def shapes_of_cells(cells: Cells, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """F(t) and V(t) of cells.
+
+    Returns
+    -------
+    F, V : ndarray, shape (cells, samples)
+    """
+    p = cells.parameters
+    columns = zip(
+        cells.value("tau_f").tolist(),
+        cells.value("tau_v").tolist(),
+        (cells.value("acceleration") / p.period).tolist(),
+        strict=True,
+    )
+    pairs = [_shapes(p.gesture, tau_f, tau_v, rise, start, samples) for tau_f, tau_v, rise in columns]
+    return np.array([f for f, _ in pairs]), np.array([v for _, v in pairs])
+
+
+def _shapes(
+    gesture: str, tau_f: float, tau_v: float, rise: float, start: int, samples: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if gesture == "martele":
-        return decay(tau_v, start, samples)
+        return decay(tau_f, start, samples), decay(tau_v, start, samples)
     if gesture == "constant_acceleration":
-        return ramp(acceleration / period, start, samples)
-    return nothing(samples)
+        return decay(tau_f, start, samples), ramp(rise, start, samples)
+    return decay(tau_f, start, samples), nothing(samples)
 
 
 def force_and_speed(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -85,12 +114,12 @@ def force_and_speed(p: Parameters, start: int, samples: int) -> tuple[NDArray[np
     ----------
     p : Parameters
     start, samples : int
+        The first sample, and how many.
 
     Returns
     -------
     f_b, v_b : ndarray, shape (samples,)
     """
     level = levels(p.gesture, p.f_asym, p.f_init_ratio, p.v_b)
-    f = level.f_end + level.f_step * force_shape(p.tau_f, start, samples)
-    v = level.v_0 + level.v_1 * speed_shape(p.gesture, p.tau_v, p.acceleration, p.period, start, samples)
-    return f, v
+    f, v = shapes(p, start, samples)
+    return level.f_end + level.f_step * f, level.v_0 + level.v_1 * v

@@ -1,10 +1,14 @@
-"""The time loop over lanes: many cells computed together, each exactly as if it were alone."""
+"""Blocks of cells, computed five periods at a time; the face of the compiled time loop.
+
+A cell's result does not depend, in any bit, on which cells it is computed with: every operation
+in the loop is exactly rounded and none is fused or reordered.
+"""
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import math
+import platform
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,17 +17,24 @@ import llvmlite
 import llvmlite.binding
 import numba
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from bow_sim import gesture
-from bow_sim import loop
-from bow_sim.friction import Hyperbola
-from bow_sim.loop import STRIDE
+from bow_sim import friction, gesture, loop
+from bow_sim.cells import Cells, cells
+from bow_sim.model import Parameters
 from bow_sim.simd import LANES, aligned
-from bow_sim.model import FLOATS, ParameterError, Parameters, Range, FIELDS
-from bow_sim.reflection import Reflection, ends
+from bow_sim.taps import Reflection
 
-SOURCES = ("kernel", "loop", "simd", "friction", "reflection", "gesture", "model")
+SOURCES = ("kernel", "loop", "rows", "simd", "compiled", "friction", "gesture", "reflection", "taps", "cells", "model")
+"""The modules that decide the numbers."""
+
+STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
+"""Numbers of taps (bridge, nut, torsion at bridge and nut) with a kernel of their own: delta/Cremer and stiff/Cremer.
+
+Everything else shares one kernel that takes any number; it is slower, and compiled once."""
+
+TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
+"""What :func:`transient` returns, in the order of the kernel's traces."""
 
 
 @functools.cache
@@ -37,20 +48,32 @@ def source_hash() -> str:
 
 @functools.cache
 def fingerprint() -> str:
-    """What two simulators must share to give the same bytes: sources, compilers, CPU."""
+    """What two simulators must share to give the same bytes: sources, compilers, libraries and CPU, one line."""
     features = llvmlite.binding.get_host_cpu_features().flatten()
     cpu = f"{llvmlite.binding.get_host_cpu_name()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
-    return (
-        f"source-{source_hash()} numba-{numba.__version__} llvmlite-{llvmlite.__version__} "
-        f"numpy-{np.__version__} {cpu}"
-    )
+    libraries = f"numba-{numba.__version__} llvmlite-{llvmlite.__version__} numpy-{np.__version__}"
+    return f"source-{source_hash()} {libraries} {'-'.join(platform.libc_ver())} {cpu}"
 
 
 _advance = loop.build(int(source_hash()[:15], 16))
 
 
 class ChunkResult(NamedTuple):
-    """Five periods of a block."""
+    """Five periods of a block.
+
+    Parameters
+    ----------
+    bridge_force : ndarray of float32, shape (cells, samples), C-contiguous
+        Outgoing velocity wave towards the bridge, final bow speed = 1 (paper Fig 6(c)).
+    slipping : ndarray of uint8, shape (cells,)
+        1 = slipping after the last step before this chunk.
+    offsets : ndarray of uint32, shape (cells + 1,)
+        The intervals of cell i are ``offsets[i] ... offsets[i + 1] - 1``.
+    onset, duration : ndarray of uint32, shape (intervals,)
+        First slipping sample, from the start of the chunk, and number of samples within it.
+    slip : ndarray of float64, shape (intervals,)
+        Sum of the slip speed ``v_b(t) - v`` over those samples; N = 139 is a whole Helmholtz slip.
+    """
 
     bridge_force: NDArray[np.float32]
     slipping: NDArray[np.uint8]
@@ -60,99 +83,201 @@ class ChunkResult(NamedTuple):
     slip: NDArray[np.float64]
 
 
-PER_LANE = frozenset({"f_asym", "f_init_ratio", "v_b", "v_mid", "mu_s", "mu_d"})
-
-STANDARD = {(1, 1, 10, 10), (1, 30, 10, 10)}
-
-
 class Block:
-    """Cells computed together."""
+    """Cells computed together, five periods at a time.
 
-    def __init__(self, parameters: Parameters, lanes: Mapping[str, NDArray[np.float64]], trace: bool = False) -> None:
-        self.parameters = p = parameters
-        sizes = {name: len(np.atleast_1d(v)) for name, v in lanes.items()}
-        if len(set(sizes.values())) != 1:
-            raise ParameterError(f"lanes: must be one or more arrays of one length, not {sizes}")
-        self.cells = next(iter(sizes.values()))
-        if self.cells == 0:
-            raise ParameterError("lanes: must have at least one cell")
-        self.groups = groups = -(-self.cells // LANES)
-        width = groups * LANES
-        value: dict[str, NDArray[np.float64]] = {}
-        for name in lanes:
-            if name not in PER_LANE:
-                raise ParameterError(f"lanes.{name}: this parameter can not differ between the cells of a block")
-        for name in PER_LANE:
-            v = np.asarray(lanes.get(name, np.full(self.cells, getattr(p, name))), dtype=np.float64)
-            limits: Range = FIELDS[name].metadata["range"]
-            for i, x in enumerate(v):
-                if not limits.holds(float(x)):
-                    raise ParameterError(f"lanes.{name}[{i}] = {x!r}: must be {limits}")
-            value[name] = np.concatenate([v, np.repeat(v[-1:], width - self.cells)])
-        e = ends(p)
-        dtype = np.dtype(p.dtype)
+    Parameters
+    ----------
+    parameters : Parameters
+        What all cells share.
+    lanes : Mapping[str, array_like], each of shape (cells,)
+        What differs: values by the name of any parameter in :data:`bow_sim.model.SWEEPABLE`.
+    trace : bool
+        Keep every waveform of the latest chunk in ``traces``, shape (6, samples, at least cells), as named in
+        :data:`TRACES`, the friction force still times ``y``.
 
-        def put(v):
-            a = aligned((width,), dtype)
-            a[:] = v
-            return a
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, cell and value that is wrong.
+    """
 
-        self.law = Hyperbola(put(value["v_b"] - value["v_mid"]), put(e.y * value["mu_s"]), put(e.y * value["mu_d"]))
-        self.level = [put(v) for v in gesture.levels(p.gesture, value["f_asym"], value["f_init_ratio"], value["v_b"])]
-        self.share_t, self.share_r = put(e.y_t / 2 / e.y), put(e.y_r / 2 / e.y)
-        self.y = e.y
-        four = (e.bridge, e.nut, e.torsion_bridge, e.torsion_nut)
-        general = trace or tuple(len(r.taps) for r in four) not in STANDARD
-        self.sides = [self._side(r, general, dtype, put) for r in four]
-        self.general = general
-        self.slipping = np.zeros(groups, np.uint8)
-        self.totals = aligned((STRIDE + 1, LANES), dtype)
-        n = p.chunk_samples
-        cap = n // 2 + 1
-        self.intervals = (np.zeros(width, np.int64), np.zeros((width, cap), np.uint32), np.zeros((width, cap), np.uint32), np.zeros((width, cap)))
+    def __init__(self, parameters: Parameters, lanes: Mapping[str, ArrayLike], *, trace: bool = False) -> None:
+        self.parameters = parameters
         self.chunk = 0
-        self.traces = aligned((6, n, width), dtype) if trace else None
+        self._cells = described = cells(parameters, lanes)
+        self._count = described.count
+        self._groups = -(-described.count // LANES)
+        self._dtype = np.dtype(parameters.dtype)
+        samples, width = parameters.chunk_samples, self._groups * LANES
 
-    def _side(self, r: Reflection, general: bool, dtype: Any, put: Any) -> loop.Side:
-        groups = self.groups
-        guard = len(r.taps) + STRIDE - 1
-        length = max(r.last, guard)
-        taps: Any = tuple(dtype.type(x) for x in reversed(r.taps))
-        if general:
-            taps = aligned((groups, len(r.taps), LANES), dtype)
-            taps[:] = np.array(r.taps[::-1], dtype)[None, :, None]
-        tail = None
-        ahead = r.first
-        if r.tail or general:
-            tail = loop.Tail(put(r.tail), put(r.pole), put(0.0), r.tail_first, None)
-            ahead = min(ahead, r.tail_first)
-        return loop.Side(taps, np.full(groups, r.first + len(r.taps) - 1), np.full(groups, ahead), tail, aligned((groups, length + guard, LANES), dtype), length, guard, aligned((STRIDE, LANES), dtype))
+        functions = [[getattr(e, side) for e in described.ends] for side in loop.SIDES]
+        self._own_tables = bool({"tau_f", "tau_v", "acceleration"} & described.lanes.keys())
+        self._general = (
+            trace
+            or self._own_tables
+            or len(described.ends) > 1
+            or tuple(len(same[0].taps) for same in functions) not in STANDARD
+        )
+        make = self._general_side if self._general else self._standard_side
+        self._sides = tuple(make(same) for same in functions)
+        self._law = self._lanes_of(self._make_law(described))
+        self._levels = self._lanes_of(
+            gesture.levels(parameters.gesture, *(described.value(name) for name in ("f_asym", "f_init_ratio", "v_b")))
+        )
+        y = described.of_ends("y")
+        self._share_t = self._lane(described.of_ends("y_t") / 2 / y)
+        self._share_r = self._lane(described.of_ends("y_r") / 2 / y)
+        self._slipping = np.zeros(self._groups, np.uint8)
+        self._totals = aligned((loop.STRIDE + 1, LANES), self._dtype)
+        most = samples // 2 + 1  # a slip and a stick of one sample each, for ever
+        self._intervals = (
+            np.zeros(width, np.int64),
+            np.empty((width, most), np.uint32),
+            np.empty((width, most), np.uint32),
+            np.empty((width, most), np.float64),
+        )
+        self.traces: NDArray[Any] | None = aligned((len(TRACES), samples, width), self._dtype) if trace else None
 
     def advance(self) -> ChunkResult:
-        """Compute the next five periods."""
-        p = self.parameters
-        n = p.chunk_samples
-        start = self.chunk * n
-        force = gesture.force_shape(p.tau_f, start, n).astype(p.dtype)
-        speed = gesture.speed_shape(p.gesture, p.tau_v, p.acceleration, p.period, start, n).astype(p.dtype)
-        out = np.empty((self.groups * LANES, n), np.float32)
-        before = np.unpackbits(self.slipping, bitorder="little")[: self.cells]
-        _advance(start, n, *self.sides, self.law, loop.Gesture(*self.level, force, speed), self.share_t, self.share_r, self.slipping, self.totals, out, self.intervals, self.traces)
-        offsets = np.zeros(self.cells + 1, np.uint32)
-        np.cumsum(self.intervals[0][: self.cells], out=offsets[1:])
+        """Compute the next five periods.
+
+        Returns
+        -------
+        ChunkResult
+            Arrays of its own; later calls don't change them.
+        """
+        samples = self.parameters.chunk_samples
+        start = self.chunk * samples
+        force, speed = self._tables(start, samples)
+        shapes = loop.Gesture(**self._levels._asdict(), force=force, speed=speed)
+        bridge_force = np.empty((self._groups * LANES, samples), np.float32)
+        slipping = np.unpackbits(self._slipping, bitorder="little")[: self._count]
+        _advance(
+            start, samples, self._sides, self._law, shapes, self._share_t, self._share_r,
+            self._slipping, self._totals, bridge_force, self._intervals, self.traces,
+        )  # fmt: skip
+        offsets = np.zeros(self._count + 1, np.uint32)
+        np.cumsum(self._intervals[0][: self._count], out=offsets[1:])
         size = int(offsets[-1])
-        onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size)
-        loop.collect(self.intervals, offsets, onset, duration, slip)
+        onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.float64)
+        loop.collect(self._intervals, offsets, onset, duration, slip)
         self.chunk += 1
-        return ChunkResult(out[: self.cells], before, offsets, onset, duration, slip)
+        return ChunkResult(bridge_force[: self._count], slipping, offsets, onset, duration, slip)
+
+    def _make_law(self, described: Cells) -> Any:
+        """Return the friction law, a named tuple of arrays over cells."""
+        return friction.law_of(described)
+
+    def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The gesture's shapes in this chunk: (samples,), or for the general kernel (groups, samples, 8)."""
+        if self._own_tables:
+            force, speed = gesture.shapes_of_cells(self._cells, start, samples)
+        else:
+            force, speed = gesture.shapes(self.parameters, start, samples)
+            if not self._general:
+                return force.astype(self._dtype), speed.astype(self._dtype)
+        return self._spread_table(force), self._spread_table(speed)
+
+    def _spread_table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
+        """Give every lane its shape, out of (cells, samples) or one that all share, (samples,)."""
+        samples = shape.shape[-1]
+        table: NDArray[Any] = np.empty((self._groups, samples, LANES), self._dtype)
+        if shape.ndim == 1:
+            table[:] = shape[None, :, None]
+        else:
+            table[:] = self._padded(shape).reshape(self._groups, LANES, samples).transpose(0, 2, 1)
+        return table
+
+    def _padded(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Repeat the last cell until the lanes are full; what they compute is left out of the results."""
+        missing = self._groups * LANES - len(values)
+        return np.concatenate([values, np.repeat(values[-1:], missing, axis=0)]) if missing else values
+
+    def _lane(self, values: NDArray[np.float64]) -> NDArray[Any]:
+        lanes: NDArray[Any] = aligned((self._groups * LANES,), self._dtype)
+        lanes[:] = self._padded(values)
+        return lanes
+
+    def _lanes_of(self, values: Any) -> Any:
+        """Turn a named tuple of arrays over cells into one of arrays over lanes."""
+        return type(values)(*(self._lane(x) for x in values))
+
+    def _ring(self, last: int, taps: int) -> dict[str, Any]:
+        guard = taps + loop.STRIDE - 1  # the rows that a window of eight steps reads
+        length = max(last, guard)
+        return {
+            "ring": aligned((self._groups, length + guard, LANES), self._dtype),
+            "length": length,
+            "guard": guard,
+            "arrived": aligned((loop.STRIDE, LANES), self._dtype),
+        }
+
+    def _standard_side(self, same: list[Reflection]) -> loop.Side:
+        """Make a side whose taps, a tuple, are part of the kernel's type."""
+        r = same[0]
+        tail = None
+        if r.tail:
+            one = np.ones(self._count)
+            gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
+            tail = loop.Tail(gain, pole, state, np.full(self._groups, r.tail_first), None)
+        return loop.Side(
+            taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
+            last=np.full(self._groups, r.first + len(r.taps) - 1),
+            ahead=np.full(self._groups, r.soonest),
+            tail=tail,
+            **self._ring(r.last, len(r.taps)),
+        )
+
+    def _general_side(self, same: list[Reflection]) -> loop.Side:
+        """Make a side with any taps for each cell: each group of eight has a window that holds all of its lags."""
+        each = same * self._count if len(same) == 1 else same
+        each = each + each[-1:] * (self._groups * LANES - len(each))
+        taps, last = self._windows([(r.first, r.taps) for r in each])
+        tails, tail_last = self._windows([(r.tail_first if r.tail else r.first, (1.0,)) for r in each])
+        gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
+        return loop.Side(
+            taps=taps,
+            last=last,
+            ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
+            tail=loop.Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
+            **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
+        )
+
+    def _windows(self, functions: list[tuple[int, tuple[float, ...]]]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+        """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8), and each group's greatest lag."""
+        first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
+        last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
+        size = int((last - first.min(axis=1)).max()) + 1
+        table: NDArray[Any] = aligned((self._groups, size, LANES), self._dtype)
+        for i, (lag, taps) in enumerate(functions):
+            group, lane = divmod(i, LANES)
+            oldest = last[group] - (lag + len(taps) - 1)
+            table[group, oldest : oldest + len(taps), lane] = taps[::-1]
+        return table, last
 
 
 def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:
-    """One cell, every waveform."""
-    block = Block(parameters, {"f_asym": np.array([parameters.f_asym])}, trace=True)
+    """Compute one cell with every waveform.
+
+    Parameters
+    ----------
+    parameters : Parameters
+
+    Returns
+    -------
+    dict of str to ndarray, shape (samples,)
+        ``bridge_force``, ``v`` (string surface), ``v_h``, ``v_centre`` and ``friction_force``, float64, final bow speed
+        = 1; ``slipping``, bool, the state after the step.
+    """
+    block = Block(parameters, {"f_asym": [parameters.f_asym]}, trace=True)
+    (y,) = block._cells.of_ends("y")
     parts = []
     for _ in range(parameters.chunks):
         block.advance()
+        assert block.traces is not None
         parts.append(block.traces[:, :, 0].astype(np.float64))
-    bridge_force, v, v_h, v_centre, push, slipping = np.concatenate(parts, axis=1)
-    return {"bridge_force": bridge_force, "v": v, "v_h": v_h, "v_centre": v_centre, "friction_force": push / block.y, "slipping": slipping != 0}
+    waveforms: dict[str, NDArray[Any]] = dict(zip(TRACES, np.concatenate(parts, axis=1), strict=True))
+    waveforms["friction_force"] = waveforms["friction_force"] / y
+    waveforms["slipping"] = waveforms["slipping"] != 0
+    return waveforms

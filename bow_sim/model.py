@@ -27,6 +27,9 @@ MODELS: dict[str, str] = {
 }
 """Names of the models of sections II.B and III.A, and what each is."""
 
+TORSION_REFLECTED = ("delta_cremer", "stiff_cremer")
+"""The models in which torsional waves come back."""
+
 GESTURES: dict[str, str] = {
     "exponential": "bow force from f_init to f_asym with time constant tau_f, bow speed constant (III.C)",
     "martele": "bow force as exponential while bow speed rises from 0 to v_b with time constant tau_v (II.A)",
@@ -34,6 +37,11 @@ GESTURES: dict[str, str] = {
     "constant_acceleration": "bow speed rises by acceleration per period until v_b; force as exponential (Guettler)",
 }
 """Names of the bowing gestures, and what each is."""
+
+FRICTIONS: dict[str, str] = {
+    "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)"
+}
+"""Names of the friction laws, and what each is."""
 
 DTYPES = ("float64", "float32")
 
@@ -79,6 +87,12 @@ def _number(
     )
 
 
+def _function(side: str) -> Any:
+    """Make a field for a reflection function given as text; see :func:`bow_sim.taps.parse`."""
+    doc = f"reflection function {side} in place of the model's own, as text; empty for the model's own"
+    return field(default="", metadata={"doc": doc, "unit": "", "source": "section II.B"})
+
+
 def _choice(default: str, choices: Iterable[str], source: str, doc: str) -> Any:
     return field(default=default, metadata={"doc": doc, "unit": "", "source": source, "choices": tuple(choices)})
 
@@ -114,6 +128,11 @@ class Parameters:
     nut_gain: float = _number(0.98, 0, 1, "", "section II.B", "Raman: minus the reflection coefficient at the nut")
     bridge_gain: float = _number(0.9, 0, 1, "", "section II.B", "Raman: minus the reflection coefficient at the bridge")
     corner_width: float = _number(1.4, 0.1, 20, "samples", "section II.B", "rounded corner: tau of the Gaussians")
+    bridge_function: str = _function("at the bridge")
+    nut_function: str = _function("at the nut")
+    torsion_bridge_function: str = _function("of torsional waves at the bridge")
+    torsion_nut_function: str = _function("of torsional waves at the nut")
+    friction: str = _choice("hyperbola", FRICTIONS, "section III.C", "law of friction between bow and string")
     mu_s: float = _number(0.8, 0, 100, "", "Appendix", "friction coefficient on the point of sticking", "(]")
     mu_d: float = _number(0.3, 0, 100, "", "Appendix", "friction coefficient at high slip speed")
     v_mid: float = _number(0.2, -1e6, 1e6, "v_b", "Appendix", "string speed where mu is midway; below v_b")
@@ -146,6 +165,19 @@ class Parameters:
             raise ParameterError(
                 f"{path}periods = {self.periods}: must be a multiple of {CHUNK_PERIODS}, for instance {near}"
             )
+        for name in FUNCTIONS:
+            text = getattr(self, name)
+            if text:
+                from bow_sim.taps import check, parse  # needs this module
+
+                if name.startswith("torsion") and not self.has_torsion:
+                    raise ParameterError(f"{path}{name}: must be empty: {self.model} has no torsional reflections")
+                check(parse(text, path + name), path + name, self.sample_rate)
+
+    @property
+    def has_torsion(self) -> bool:
+        """Whether torsional waves come back to the bow."""
+        return self.model in TORSION_REFLECTED
 
     @property
     def beta(self) -> float:
@@ -217,6 +249,10 @@ FIELDS: dict[str, dataclasses.Field[Any]] = {f.name: f for f in dataclasses.fiel
 """The fields of :class:`Parameters` by name."""
 
 
+FUNCTIONS = ("bridge_function", "nut_function", "torsion_bridge_function", "torsion_nut_function")
+"""The fields that hold a reflection function as text."""
+
+
 def _types() -> dict[str, type]:
     kinds: dict[str, type] = {"str": str, "int": int, "float": float}
     return {name: kinds[str(f.type)] for name, f in FIELDS.items()}
@@ -226,6 +262,10 @@ TYPES: dict[str, type] = _types()
 """The type of each field: str, int or float."""
 
 FLOATS: frozenset[str] = frozenset(name for name, kind in TYPES.items() if kind is float)
+"""The fields that are real numbers."""
+
+SWEEPABLE: frozenset[str] = FLOATS | {"bow_bridge", "torsion_half"}
+"""The fields that may differ between the cells of a sweep: all numbers but those that set its length."""
 
 
 def coerce(name: str, value: object, path: str = "") -> Any:
@@ -245,9 +285,16 @@ def coerce(name: str, value: object, path: str = "") -> Any:
     if TYPES[name] is str:
         if not isinstance(value, str):
             raise ParameterError(f"{where}: must be text ({meta['doc']})")
+        if value.startswith("@"):
+            raise ParameterError(
+                f"{where}: must be the reflection function itself; only the command line reads files "
+                "(bow_sim.taps.embed_files)"
+            )
         return value
     limits: Range = meta["range"]
-    right = f"must be {_article(TYPES[name])} {limits} ({meta['doc']}" + (f", in {meta['unit']})" if meta["unit"] else ")")
+    right = f"must be {_article(TYPES[name])} {limits} ({meta['doc']}" + (
+        f", in {meta['unit']})" if meta["unit"] else ")"
+    )
     number = _as_number(value)
     if number is None or not limits.holds(number):
         raise ParameterError(f"{where}: {right}")

@@ -9,57 +9,35 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bow_sim.model import ParameterError, Parameters
+from bow_sim.model import FUNCTIONS, ParameterError, Parameters
+from bow_sim.taps import Reflection, check, embed_files, parse
+
+__all__ = [
+    "ABSORBED",
+    "Ends",
+    "Reflection",
+    "check",
+    "cremer",
+    "delta",
+    "embed_files",
+    "ends",
+    "gaussian",
+    "parse",
+    "stiff",
+]
 
 NUT_FFT = 4096
 """Length of the inverse FFT that samples the stiff string's reflection (PHYSICS.md section 3)."""
 
+NUT_PERIODS = 8
+"""Least length of that FFT in nominal periods, for strings longer than the paper's."""
+
 NUT_LEFT_OUT = 1e-7
 """Share of the energy of the stiff reflection cut off at each end (PHYSICS.md section 3)."""
-
-
-@dataclass(frozen=True)
-class Reflection:
-    """One reflection function: ``in[t] = sum_k taps[k] out[t - first - k] + tail``.
-
-    The tail is ``tail * sum_k pole**k out[t - tail_first - k]``.
-
-    Parameters
-    ----------
-    taps : tuple of float
-        Coefficients at lags ``first``, ``first + 1``, ...
-    first : int
-        Lag of the first tap, samples, at least 1.
-    tail, pole : float
-        Size and ratio of the exponential tail; ``tail = 0`` for none.
-    tail_first : int
-        Lag of the tail's first sample, samples.
-    """
-
-    taps: tuple[float, ...]
-    first: int
-    tail: float = 0.0
-    pole: float = 0.0
-    tail_first: int = 1
-
-    @property
-    def last(self) -> int:
-        """The greatest lag that a step looks back to."""
-        return max(self.first + len(self.taps) - 1, self.tail_first if self.tail else 0)
-
-    def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Evaluate the z transform; ``z = exp(i w)`` gives the frequency response."""
-        powers = z[..., None] ** -(self.first + np.arange(len(self.taps), dtype=np.float64))
-        total = np.asarray(powers @ np.asarray(self.taps, dtype=np.complex128))
-        if self.tail:
-            total = total + self.tail * z ** -float(self.tail_first) / (1.0 - self.pole / z)
-        return total
 
 
 class Ends(NamedTuple):
@@ -121,20 +99,28 @@ def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Refle
         Bending stiffness B: a wholly stiff string has ``f_n = n f_1 sqrt(1 + B n**2)``.
     cutoff, power : float
         The anti-alias filter ``exp(-2 (w/(cutoff pi))**power)``, w in radians a sample.
+
+    Raises
+    ------
+    ParameterError
+        If the function would be longer than its delay allows.
     """
-    w = 2 * np.pi * np.arange(NUT_FFT // 2 + 1) / NUT_FFT
+    size = NUT_FFT
+    while size < NUT_PERIODS * period:
+        size *= 2
+    w = 2 * np.pi * np.arange(size // 2 + 1) / size
     x2 = (w * period / (2 * np.pi)) ** 2
     n = np.sqrt(2 * x2 / (1 + np.sqrt(1 + 4 * b * x2)))
     spectrum = -np.exp(-2j * np.pi * n * lag / period) * np.exp(-2 * (w / (cutoff * np.pi)) ** power)
     spectrum[-1] = spectrum[-1].real
-    h = np.fft.irfft(spectrum, NUT_FFT)
+    h = np.fft.irfft(spectrum, size)
     share = np.cumsum(h * h) / np.sum(h * h)
     first = int(np.argmax(share >= NUT_LEFT_OUT))
     last = int(np.argmax(share >= 1 - NUT_LEFT_OUT))
-    if first < 1:
+    if first < 1 or last >= size // 2:  # what should come before lag 0 comes out at the end of the inverse FFT
         raise ParameterError(
-            f"stiffness_b = {b!r}: the reflection at the nut would begin before it was sent; "
-            f"the stiffness must be less, or the nut (now {lag} samples away) farther"
+            f"stiffness_b = {b!r} with nut_cutoff = {cutoff!r}, nut_power = {power!r} and the nut {lag} samples away: "
+            "the reflection would begin before it was sent; stiffness or cutoff must be less, or the nut farther"
         )
     taps = h[first : last + 1]
     taps = -taps / math.fsum(taps)
@@ -195,6 +181,11 @@ def ends(p: Parameters) -> Ends:
     -------
     Ends
     """
+    return _with_functions(p, _own(p))
+
+
+def _own(p: Parameters) -> Ends:
+    """Return the model's own reflection functions (sections II.B and III.A)."""
     near, far = p.bow_bridge, p.period - p.bow_bridge
     y_r = p.torsion_admittance * p.y_t
     if p.model == "friedlander":
@@ -212,3 +203,11 @@ def ends(p: Parameters) -> Ends:
         nut = stiff(far, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
     torsion = [gaussian(d / p.torsion_speed, p.torsion_width, p.torsion_gain, p.torsion_half) for d in (near, far)]
     return Ends(bridge, nut, torsion[0], torsion[1], p.y_t, y_r)
+
+
+def _with_functions(p: Parameters, own: Ends) -> Ends:
+    """Put the user's reflection functions in place of the model's."""
+    given: dict[str, Any] = {
+        name.removesuffix("_function"): parse(text, name) for name in FUNCTIONS if (text := getattr(p, name))
+    }
+    return own._replace(**given)

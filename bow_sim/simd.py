@@ -14,7 +14,7 @@ NumPy arrays, so a formula written with them can be tested without compiling.
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,8 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.datamodel import models
-from numba.extending import intrinsic, overload, register_model
+
+from bow_sim.compiled import INLINE, intrinsic, overload, register_model
 
 LANES = 8
 """Lanes in a value: doubles in the widest registers there are."""
@@ -46,40 +47,43 @@ class MaskType(types.Type):
 
 
 MASK = MaskType()
-LANES_OF = {types.float64: LanesType(types.float64), types.float32: LanesType(types.float32)}
+LANES_OF: dict[Any, Any] = {types.float64: LanesType(types.float64), types.float32: LanesType(types.float32)}
 _ELEMENT = {types.float64: ir.DoubleType(), types.float32: ir.FloatType()}
 _SUFFIX = {types.float64: "f64", types.float32: "f32"}
 
 
-def _vector(lanes: LanesType) -> ir.VectorType:
+def vector(lanes: LanesType) -> ir.VectorType:
+    """Return LLVM's type of eight lanes."""
     return ir.VectorType(_ELEMENT[lanes.dtype], LANES)
 
 
 @register_model(LanesType)
-class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+class _LanesModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: LanesType) -> None:
-        super().__init__(dmm, fe_type, _vector(fe_type))
+        super().__init__(dmm, fe_type, vector(fe_type))
 
 
 @register_model(MaskType)
-class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
+class _MaskModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: MaskType) -> None:
         super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), LANES))
 
 
-def _broadcast(builder: Any, scalar: Any, vector: ir.VectorType) -> Any:
-    nothing = ir.Constant(vector, ir.Undefined)
+def broadcast(builder: Any, scalar: Any, kind: ir.VectorType) -> Any:
+    """Emit the repetition of a number in eight lanes."""
+    nothing = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(nothing, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
-def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, element: Any) -> Any:
+def pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, element: Any) -> Any:
+    """Emit the address of ``array.flat[index]``, to be read as ``element``."""
     data = context.make_array(array_type)(context, builder, value=array).data
     return builder.bitcast(builder.gep(data, [index]), element.as_pointer())
 
 
-def _aligned(instruction: Any, array_type: Any) -> Any:
-    """Promise the alignment of one element only: buffers are aligned to cache lines, others' arrays may not be."""
+def element_aligned(instruction: Any, array_type: Any) -> Any:
+    """Promise the alignment of one element only: arrays of others need not begin at cache lines."""
     instruction.align = array_type.dtype.bitwidth // 8
     return instruction
 
@@ -95,7 +99,7 @@ def load(typingctx: Any, array: Any, index: Any) -> Any:
     lanes = LANES_OF[array.dtype]
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _aligned(builder.load(_pointer(context, builder, array, *args, _vector(lanes))), array)
+        return element_aligned(builder.load(pointer(context, builder, array, args[0], args[1], vector(lanes))), array)
 
     return lanes(array, types.intp), codegen
 
@@ -103,11 +107,15 @@ def load(typingctx: Any, array: Any, index: Any) -> Any:
 @intrinsic
 def store(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     """Put eight lanes into a C-contiguous array, from a flat index on."""
-    if not (isinstance(array, types.Array) and value is LANES_OF.get(array.dtype) and array.layout == "C"):
+    if not (isinstance(array, types.Array) and array.dtype in LANES_OF and array.layout == "C"):
+        return None
+    if value is not LANES_OF[array.dtype]:
         return None
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        _aligned(builder.store(args[2], _pointer(context, builder, array, args[0], args[1], _vector(value))), array)
+        element_aligned(
+            builder.store(args[2], pointer(context, builder, array, args[0], args[1], vector(value))), array
+        )
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), codegen
@@ -121,7 +129,7 @@ def spread(typingctx: Any, value: Any) -> Any:
     lanes = LANES_OF[value]
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _broadcast(builder, args[0], _vector(lanes))
+        return broadcast(builder, args[0], vector(lanes))
 
     return lanes(value), codegen
 
@@ -159,20 +167,25 @@ def lowest_bit(typingctx: Any, word: Any) -> Any:
 # Arithmetic
 
 
+def _widened(context: Any, builder: Any, lanes: LanesType, values: Any, kinds: Any) -> list[Any]:
+    """Emit the repetition of those values that are numbers, rounded to the lanes' type first."""
+    return [
+        value
+        if isinstance(kind, LanesType)
+        else broadcast(builder, context.cast(builder, value, kind, lanes.dtype), vector(lanes))
+        for value, kind in zip(values, kinds, strict=True)
+    ]
+
+
 def _binary(operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> Any:
-    """Make an intrinsic of two lanes, or of lanes and a number, which is rounded to the lanes' type first."""
+    """Make an intrinsic of two lanes, or of lanes and a number."""
 
     @intrinsic
     def compute(typingctx: Any, a: Any, b: Any) -> Any:
         lanes = a if isinstance(a, LanesType) else b
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            values = []
-            for value, kind in zip(args, (a, b), strict=True):
-                if not isinstance(kind, LanesType):
-                    value = _broadcast(builder, context.cast(builder, value, kind, lanes.dtype), _vector(lanes))
-                values.append(value)
-            return operation(builder, *values)
+            return operation(builder, *_widened(context, builder, lanes, args, (a, b)))
 
         return (MASK if mask else lanes)(a, b), codegen
 
@@ -189,9 +202,12 @@ def _is_lanes(a: Any, b: Any) -> bool:
 def _define(symbol: Any, operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> None:
     compute = _binary(operation, mask)
 
-    @overload(symbol, strict=False, jit_options={"_nrt": False, "forceinline": True})
+    @overload(symbol, strict=False, jit_options=INLINE)
     def choose_operation(a: Any, b: Any) -> Any:
-        return (lambda a, b: compute(a, b)) if _is_lanes(a, b) else None
+        def compiled(a: Any, b: Any) -> Any:
+            return compute(a, b)
+
+        return compiled if _is_lanes(a, b) else None
 
 
 _define(operator.add, lambda builder, a, b: builder.fadd(a, b))
@@ -214,14 +230,20 @@ def _or(typingctx: Any, a: Any, b: Any) -> Any:
     return MASK(MASK, MASK), lambda context, builder, signature, args: builder.or_(*args)
 
 
-@overload(operator.and_, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(operator.and_, strict=False, jit_options=INLINE)
 def _overload_and(a: Any, b: Any) -> Any:
-    return (lambda a, b: _and(a, b)) if a is MASK and b is MASK else None
+    def compiled(a: Any, b: Any) -> Any:
+        return _and(a, b)
+
+    return compiled if a is MASK and b is MASK else None
 
 
-@overload(operator.or_, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(operator.or_, strict=False, jit_options=INLINE)
 def _overload_or(a: Any, b: Any) -> Any:
-    return (lambda a, b: _or(a, b)) if a is MASK and b is MASK else None
+    def compiled(a: Any, b: Any) -> Any:
+        return _or(a, b)
+
+    return compiled if a is MASK and b is MASK else None
 
 
 def _unary(name: str) -> Any:
@@ -230,7 +252,7 @@ def _unary(name: str) -> Any:
     @intrinsic
     def compute(typingctx: Any, a: Any) -> Any:
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            kind = ir.FunctionType(_vector(a), [_vector(a)])
+            kind = ir.FunctionType(vector(a), [vector(a)])
             full = f"llvm.{name}.v{LANES}{_SUFFIX[a.dtype]}"
             return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), args)
 
@@ -247,9 +269,12 @@ def _negative(typingctx: Any, a: Any) -> Any:
     return a(a), lambda context, builder, signature, args: builder.fneg(args[0])
 
 
-@overload(operator.neg, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(operator.neg, strict=False, jit_options=INLINE)
 def _overload_neg(a: Any) -> Any:
-    return (lambda a: _negative(a)) if isinstance(a, LanesType) else None
+    def compiled(a: Any) -> Any:
+        return _negative(a)
+
+    return compiled if isinstance(a, LanesType) else None
 
 
 def absolute(x: Any) -> Any:
@@ -268,19 +293,28 @@ def choose(mask: Any, yes: Any, no: Any) -> Any:
     return np.where(mask, yes, no)[()]
 
 
-@overload(absolute, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(absolute, strict=False, jit_options=INLINE)
 def _overload_absolute(x: Any) -> Any:
-    return (lambda x: _absolute(x)) if isinstance(x, LanesType) else None
+    def compiled(x: Any) -> Any:
+        return _absolute(x)
+
+    return compiled if isinstance(x, LanesType) else None
 
 
-@overload(root, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(root, strict=False, jit_options=INLINE)
 def _overload_root(x: Any) -> Any:
-    return (lambda x: _root(x)) if isinstance(x, LanesType) else None
+    def compiled(x: Any) -> Any:
+        return _root(x)
+
+    return compiled if isinstance(x, LanesType) else None
 
 
-@overload(choose, strict=False, jit_options={"_nrt": False, "forceinline": True})
+@overload(choose, strict=False, jit_options=INLINE)
 def _overload_choose(mask: Any, yes: Any, no: Any) -> Any:
-    return (lambda mask, yes, no: _select(mask, yes, no)) if mask is MASK and _is_lanes(yes, no) else None
+    def compiled(mask: Any, yes: Any, no: Any) -> Any:
+        return _select(mask, yes, no)
+
+    return compiled if mask is MASK and _is_lanes(yes, no) else None
 
 
 @intrinsic
@@ -288,95 +322,9 @@ def _select(typingctx: Any, mask: Any, yes: Any, no: Any) -> Any:
     lanes = yes if isinstance(yes, LanesType) else no
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        values = []
-        for value, kind in zip(args[1:], (yes, no), strict=True):
-            if not isinstance(kind, LanesType):
-                value = _broadcast(builder, context.cast(builder, value, kind, lanes.dtype), _vector(lanes))
-            values.append(value)
-        return builder.select(args[0], *values)
+        return builder.select(args[0], *_widened(context, builder, lanes, args[1:], (yes, no)))
 
     return lanes(mask, yes, no), codegen
-
-
-# Two operations on blocks of rows
-
-
-def fir_of(rows: int) -> Any:
-    """Make the convolution of ``rows`` successive steps, unrolled over the taps.
-
-    ``out[o + r w : + 8] = 0 + taps[0] x[i + r w] + taps[1] x[i + (r + 1) w] + ...`` with ``w = width``, each sum from
-    left to right. Doing several steps at once reads each sample and each tap once instead of ``rows`` times.
-    The number of taps is part of their type, a tuple, so a kernel is compiled for each.
-    """
-
-    @intrinsic
-    def fir(typingctx: Any, taps: Any, x: Any, i: Any, out: Any, o: Any, width: Any) -> Any:
-        lanes = LANES_OF[x.dtype]
-
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            tap_values, x_value, i_value, out_value, o_value, w = args
-            vector = _vector(lanes)
-
-            def row(array_type: Any, array: Any, start: Any, number: int) -> Any:
-                index = builder.add(start, builder.mul(w, ir.Constant(_I64, number)))
-                return _pointer(context, builder, array_type, array, index, vector)
-
-            zero = ir.Constant(vector, [ir.Constant(vector.element, 0.0)] * LANES)
-            sums = [zero] * rows
-            window: list[Any] = []
-            for k in range(taps.count):
-                tap = _broadcast(builder, builder.extract_value(tap_values, k), vector)
-                for r in range(rows):
-                    if k + r == len(window):
-                        window.append(_aligned(builder.load(row(x, x_value, i_value, k + r)), x))
-                    sums[r] = builder.fadd(sums[r], builder.fmul(tap, window[k + r]))
-            for r in range(rows):
-                _aligned(builder.store(sums[r], row(out, out_value, o_value, r)), out)
-            return context.get_dummy_value()
-
-        return types.void(taps, x, types.intp, out, types.intp, types.intp), codegen
-
-    return fir
-
-
-def _interleave(builder: Any, rows: Sequence[Any]) -> list[Any]:
-    """Transpose eight vectors of eight in three rounds of shuffles."""
-    index = ir.VectorType(ir.IntType(32), LANES)
-    low = ir.Constant(index, [i // 2 + LANES * (i % 2) for i in range(LANES)])
-    high = ir.Constant(index, [LANES // 2 + i // 2 + LANES * (i % 2) for i in range(LANES)])
-    for _ in range(3):
-        half = LANES // 2
-        pairs = [(rows[i], rows[i + half]) for i in range(half)]
-        rows = [builder.shuffle_vector(a, b, order) for a, b in pairs for order in (low, high)]
-    return list(rows)
-
-
-@intrinsic
-def transpose(typingctx: Any, x: Any, i: Any, width: Any, out: Any, o: Any, stride: Any) -> Any:
-    """Write eight rows of eight lanes as eight columns of float32.
-
-    ``out[o + lane stride + r] = x[i + r width + lane]`` for r and lane in 0 ... 7.
-    """
-    lanes = LANES_OF[x.dtype]
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        x_value, i_value, w, out_value, o_value, s = args
-        single = ir.VectorType(ir.FloatType(), LANES)
-
-        def place(start: Any, step: Any, number: int) -> Any:
-            return builder.add(start, builder.mul(step, ir.Constant(_I64, number)))
-
-        rows = []
-        for r in range(LANES):
-            value = _aligned(
-                builder.load(_pointer(context, builder, x, x_value, place(i_value, w, r), _vector(lanes))), x
-            )
-            rows.append(builder.fptrunc(value, single) if lanes.dtype is types.float64 else value)
-        for lane, column in enumerate(_interleave(builder, rows)):
-            _aligned(builder.store(column, _pointer(context, builder, out, out_value, place(o_value, s, lane), single)), out)
-        return context.get_dummy_value()
-
-    return types.void(x, types.intp, types.intp, out, types.intp, types.intp), codegen
 
 
 def aligned(shape: tuple[int, ...], dtype: Any) -> Any:

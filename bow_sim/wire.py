@@ -205,6 +205,11 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
     return b"".join([ENCAPSULATION, *head.parts, *tail.parts])
 
 
+_LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
+_SCALARS = {kind: struct.Struct("<" + letter) for kind, letter in _LETTERS.items()}
+_ITEMS = {f"{kind}[]": np.dtype(kind).newbyteorder("<") for kind in _LETTERS}
+
+
 class _Reader:
     def __init__(self, name: str, data: Buffer) -> None:
         self.name, self.data, self.at = name, memoryview(data), len(ENCAPSULATION)
@@ -223,9 +228,8 @@ class _Reader:
         return start
 
     def scalar(self, field: str, kind: str) -> Any:
-        dtype = np.dtype(kind).newbyteorder("<")
-        start = self.take(field, 1, dtype.itemsize)
-        return np.frombuffer(self.data, dtype, 1, start)[0].item()
+        form = _SCALARS[kind]
+        return form.unpack_from(self.data, self.take(field, 1, form.size))[0]
 
     def field(self, field: str, kind: str) -> Any:
         if kind == "string":
@@ -241,7 +245,7 @@ class _Reader:
         if kind == "string[]":
             return [self.field(field, "string") for _ in range(self.scalar(field, "uint32"))]
         if kind.endswith("[]"):
-            dtype = np.dtype(kind[:-2]).newbyteorder("<")
+            dtype = _ITEMS[kind]
             count = self.scalar(field, "uint32")
             return np.frombuffer(self.data, dtype, count, self.take(field, count, dtype.itemsize))
         return self.scalar(field, kind)
@@ -257,11 +261,20 @@ def decode(name: str, data: Buffer) -> dict[str, Any]:
     WireError
         Where the bytes end early, go on too long, or are not plain little-endian CDR.
     """
+    return _decode(name, data)[0]
+
+
+def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
+    """Return the fields of a message, and where what its checksum covers begins."""
     reader = _Reader(name, data)
-    values = {field: reader.field(field, kind) for field, kind in FIELDS[name].items()}
+    values, covered = {}, 0
+    for field, kind in FIELDS[name].items():
+        values[field] = reader.field(field, kind)
+        if field == "checksum":
+            covered = reader.at
     if len(reader.data) - reader.at > (0 if is_sealed(name) else SLACK):
         raise WireError(f"{name}: {len(reader.data) - reader.at} bytes too many after byte {reader.at}")
-    return values
+    return values, covered
 
 
 def peek(name: str, data: Buffer) -> Identity:
@@ -281,22 +294,6 @@ def identity(values: Mapping[str, Any]) -> Identity:
     return Identity(*(values[field] for field in Identity._fields))
 
 
-def payload_checksum(name: str, data: Buffer, block: int, chunk: int) -> int:
-    """Return the checksum that the bytes of sealed message `name` should carry.
-
-    Raises
-    ------
-    WireError
-        Where the bytes end before the checksum.
-    """
-    reader = _Reader(name, data)
-    for field, kind in FIELDS[name].items():
-        reader.field(field, kind)
-        if field == "checksum":
-            return xxhash.xxh3_64_intdigest(reader.data[reader.at :], seed=_place(block, chunk))
-    raise WireError(f"{name} is not sealed: it has no checksum")
-
-
 def unseal(name: str, data: Buffer) -> dict[str, Any]:
     """Return the fields of sealed message `name` after checking its checksum and the lengths of its arrays.
 
@@ -305,8 +302,8 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
     WireError
         Where the checksum does not hold, or arrays do not fit each other.
     """
-    values = decode(name, data)
-    expected = payload_checksum(name, data, values["block"], values["chunk"])
+    values, covered = _decode(name, data)
+    expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=_place(values["block"], values["chunk"]))
     if values["checksum"] != expected:
         raise WireError(f"{name}: checksum {values['checksum']:016x} does not hold, the bytes give {expected:016x}")
     cells = len(values["cells"])

@@ -42,7 +42,8 @@ class Basin:
 
     def __init__(self, nx: int, ny: int, tests: int) -> None:
         self.nx, self.ny, self.tests = nx, ny, tests
-        self.layers: dict[str, np.ndarray] = {name: np.full((tests, ny * nx), empty, dtype) for name, (dtype, empty) in LAYERS.items()}
+        shape = (tests, ny * nx)
+        self.layers: dict[str, np.ndarray] = {name: np.full(shape, *LAYERS[name][::-1]) for name in LAYERS}
         self.tested = np.zeros(ny * nx, np.uint16)
         self.transient_periods = np.full(ny * nx, np.nan, np.float32)
 

@@ -72,7 +72,7 @@ _SHORT = {"model": "model", "v_mid": "v_mid", "nx": "x.count", "ny": "y.count", 
 
 
 def _sweep(args: argparse.Namespace) -> int:
-    from .run import RunError, read_ledger
+    from .run import RunError, is_finished, read_ledger
 
     if args.simulators < 1:
         return _fail(f"--simulators {args.simulators}: should be at least 1")
@@ -83,7 +83,11 @@ def _sweep(args: argparse.Namespace) -> int:
                 return _fail(
                     "--resume takes the sweep from the run directory; give no preset, setting or --out with it"
                 )
-            plan = read_ledger(args.resume)[0]
+            entries = read_ledger(args.resume)
+            if is_finished(args.resume, entries):
+                print(f"nothing to do: every block of this run is done or quarantined\n\n{_summary(args.resume)}")
+                return DONE
+            plan = entries[0]
             sweep, identity, directory = Sweep.from_spec("", plan["settings"]), plan["run_id"], args.resume
         else:
             from bow_sim.ros import random_id
@@ -142,12 +146,17 @@ def _run_graph(args: argparse.Namespace, sweep: Sweep, identity: str, directory:
         return _fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
     except GraphError as error:
         return _fail(f"{error}\n{again}", FAILED)
-    report = json.loads((directory / "report.json").read_text())
-    print(_summary(directory, report))
-    return QUARANTINED if report["cells"]["quarantined"] else DONE
+    print(_summary(directory))
+    return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
 
 
-def _summary(directory: Path, report: dict[str, Any]) -> str:
+def _report(directory: Path) -> dict[str, Any]:
+    report: dict[str, Any] = json.loads((directory / "report.json").read_text())
+    return report
+
+
+def _summary(directory: Path) -> str:
+    report = _report(directory)
     cells = report["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["regimes"].items() if count)
     lines = [
@@ -292,7 +301,7 @@ def _recover(args: argparse.Namespace) -> int:
     except (OSError, ValueError) as error:
         return _fail(str(error))
     print(json.dumps(result, indent=2))
-    return DONE
+    return DONE if result["ok"] else FAILED
 
 
 # ---- bow settings, nodes

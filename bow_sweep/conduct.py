@@ -16,6 +16,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.regime import REGIMES
+from bow_classifier.warm import warm as warm_classifier
 from bow_sim import wire
 from bow_sim.kernel import Block
 from bow_sim.ros import LATCHED, BowNode, use_local_defaults
@@ -112,7 +113,8 @@ def conduct(
         After Ctrl-C or SIGTERM; everything has been stopped in order.
     """
     use_local_defaults()
-    Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()  # fills the compiler's cache: children would race
+    Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()  # children would all compile at once
+    warm_classifier()
     coordinator: dict[str, object] = {"once": True}
     if resume:
         coordinator["resume"] = str(directory)

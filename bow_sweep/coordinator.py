@@ -19,14 +19,7 @@ from bow_sim.kernel import fingerprint
 from bow_sim.model import ParameterError
 from bow_sim.ros import LATCHED, STREAM, BowNode, StartupError, live, random_id
 
-from .announce import (
-    diagnostics_message,
-    feedback_message,
-    image_message,
-    map_message,
-    plan_message,
-    spec_message,
-)
+from . import announce
 from .basin import Basin
 from .ledger import (
     ConsumerRestarted,
@@ -137,12 +130,15 @@ class CoordinatorNode(BowNode):
         self._basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
         if run.ledger.epoch > 1:
             self._basin = load_basin(run.directory, sweep)
-        self._spec = spec_message(run)
+        self._spec = announce.spec_message(run)
         self._began = time.monotonic()
         self._done_before = run.cells_in(State.DONE)
         self._tested = -1
-        self._publish_plan(Plan.OPEN)
-        self.become(Health.STARTING, "waiting for recorder and classifier", run.run_id)
+        if run.ledger.finished:  # it was cut off between its last block and its report
+            self._close_run()
+        else:
+            self._publish_plan(Plan.OPEN)
+            self.become(Health.STARTING, "waiting for recorder and classifier", run.run_id)
         self.get_logger().info(f"run {run.run_id}: {sweep.cells} cells, {sweep.blocks} blocks, in {run.directory}")
 
     def _finish(self) -> None:
@@ -332,8 +328,7 @@ class CoordinatorNode(BowNode):
             self.get_logger().warning(f"run {run.run_id} is cancelled; it can be resumed: -p resume:={run.directory}")
             self._close_run()
         if self._closing:
-            closed = self._closed("recorder") and self._closed("dashboard")
-            if closed or now - self._closed_at > CLOSE_S:
+            if self._all_closed(run.run_id) or now - self._closed_at > CLOSE_S:
                 self._finish()
             return
         if len(self._ready) == 2 and self._answers_reach_us():
@@ -346,10 +341,12 @@ class CoordinatorNode(BowNode):
             self._publish_map()
             self._publish_progress()
 
-    def _closed(self, role: str) -> bool:
-        """Whether no node of a role is still at work on this run."""
-        states = [health for health in self._nodes.values() if health.role == role and health.state != Health.DEAD]
-        return all(health.state in (Health.CLOSED, Health.FAILED) for health in states)
+    def _all_closed(self, run_id: str) -> bool:
+        """Whether a recorder has closed the bag, and no dashboard is still at work."""
+        gone = (Health.CLOSED, Health.FAILED, Health.DEAD)
+        states = {(node.role, node.state) for node in self._nodes.values() if node.run_id in (run_id, "")}
+        recorded = ("recorder", Health.CLOSED) in states or ("recorder", Health.FAILED) in states
+        return recorded and all(state in gone for role, state in states if role == "dashboard")
 
     def _answers_reach_us(self) -> bool:
         here = self.get_namespace()
@@ -363,12 +360,12 @@ class CoordinatorNode(BowNode):
 
     def _publish_plan(self, state: int) -> None:
         assert self._run is not None
-        self._announced = plan_message(self._run, state)
+        self._announced = announce.plan_message(self._run, state)
         self._plan.publish(self._announced)
 
     def _publish_plan_if_changed(self) -> None:
         assert self._run is not None
-        message = plan_message(self._run, Plan.OPEN)
+        message = announce.plan_message(self._run, Plan.OPEN)
         if message != self._announced:
             self._announced = message
             self._plan.publish(message)
@@ -378,20 +375,20 @@ class CoordinatorNode(BowNode):
         tested = int(self._basin.tested.sum())
         if tested != self._tested:
             self._tested = tested
-            message = map_message(self._run, self._basin)
+            message = announce.map_message(self._run, self._basin)
             self._map.publish(message)
-            self._image.publish(image_message(message, self.get_clock().now().to_msg()))
+            self._image.publish(announce.image_message(message, self.get_clock().now().to_msg()))
 
     def _publish_progress(self) -> None:
         assert self._run is not None
         if self._goal is not None:
             done = self._run.cells_in(State.DONE) - self._done_before
             rate = done / max(time.monotonic() - self._began, 1e-9)
-            self._goal.publish_feedback(feedback_message(self._run, self._basin, rate))
+            self._goal.publish_feedback(announce.feedback_message(self._run, self._basin, rate))
 
     def _publish_diagnostics(self) -> None:
         nodes = [*self._nodes.values(), self.health]
-        self._diagnostics.publish(diagnostics_message(nodes, self.get_clock().now().to_msg()))
+        self._diagnostics.publish(announce.diagnostics_message(nodes, self.get_clock().now().to_msg()))
 
 
 def main() -> int:

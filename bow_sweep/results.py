@@ -32,10 +32,14 @@ def write_results(directory: Path, run_id: str, sweep: Sweep, basin: Basin, ledg
 
 def load_basin(directory: Path, sweep: Sweep) -> Basin:
     """Return the map that the verdicts in a run's bag give, for a run that goes on."""
+    from .record.bag import BagError
     from .record.replay import load_verdicts
 
     basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-    layers = load_verdicts(directory)
+    try:
+        layers = load_verdicts(directory)
+    except BagError:  # killed before anything was recorded
+        return basin
     for test in range(sweep.chunks):
         cells = np.flatnonzero(layers["tested"][test])
         basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})

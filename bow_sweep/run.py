@@ -97,6 +97,13 @@ def read_ledger(directory: Path) -> list[dict[str, Any]]:
     return entries
 
 
+def is_finished(directory: Path, entries: list[dict[str, Any]]) -> bool:
+    """Return whether every block of a run is settled and its report written."""
+    settled = {entry["block"] for entry in entries if entry.get("event") in ("done", "quarantined")}
+    settled -= {entry["block"] for entry in entries if entry.get("event") == "reopened"}
+    return len(settled) == entries[0]["blocks"] and (directory / REPORT).exists()
+
+
 class Run:
     """One run on disk, held by its coordinator. Make it with :meth:`create` or :meth:`resume`."""
 

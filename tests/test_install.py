@@ -23,7 +23,7 @@ def shell(*, ros: bool) -> dict[str, str]:
 
 def colcon(place: Path, *arguments: str, ros: bool = True) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [COLCON, *arguments], cwd=place, env=shell(ros=ros), capture_output=True, text=True, timeout=500, check=False
+        [COLCON, *arguments], cwd=place, env=shell(ros=ros), capture_output=True, text=True, timeout=280, check=False
     )
 
 

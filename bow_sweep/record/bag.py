@@ -23,7 +23,7 @@ FOLDER = "bag"
 """Name of the bag in a run directory."""
 
 
-class BagError(Exception):
+class BagError(ValueError):
     """A bag that cannot be read as it should be; says which file and where."""
 
 

@@ -6,7 +6,6 @@ every time; a receipt goes out after its bytes are in the file. After a restart 
 
 from __future__ import annotations
 
-import ctypes
 import time
 from collections import deque
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 
 from bow_sim import wire
-from bow_sim.ros import STREAM, BowNode, RCLError, live
+from bow_sim.ros import STREAM, BowNode, RCLError, has_met, live
 
 from .bag import FOLDER, BagError
 from .expected import CLOSED, OPEN, Expected
@@ -76,7 +75,7 @@ class RecorderNode(BowNode):
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None
-        self._over: tuple[str, int] = ("", 0)
+        self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = 0
         self._outbox: deque[bytes] = deque()
         self._try_at = 0.0
@@ -134,7 +133,7 @@ class RecorderNode(BowNode):
             if plan["state"] != OPEN:
                 return
             self._finish(f"run {plan['run_id']} opens")
-        if plan["state"] in (OPEN, CLOSED) and (plan["run_id"], plan["epoch"]) != self._over:
+        if plan["state"] in (OPEN, CLOSED) and (plan["run_id"], plan["epoch"]) != self._done_with:
             self._waiting = (plan, data)
             self._open()
 
@@ -153,8 +152,10 @@ class RecorderNode(BowNode):
             self._waiting = (plan, data)
             self.become(Health.STARTING, str(error), run)
         except AlreadyClosedError as error:
+            self._done_with = (run, plan["epoch"])
             self.become(Health.CLOSED, str(error), run)
         except (BagError, OSError, ValueError, LookupError) as error:
+            self._done_with = (run, plan["epoch"])
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
             self.become(Health.FAILED, f"cannot record: {error}", run)
         else:
@@ -180,17 +181,9 @@ class RecorderNode(BowNode):
             self._finish("the plan is closed")
             return
         self._commit(session)
-        if self.health.state == Health.STARTING and self._heard():
+        if self.health.state == Health.STARTING and has_met(self, self._receipts, ["coordinator"]):
             self.become(Health.BUSY, f"records to {session.bag.path}")
         self._publish()
-
-    def _heard(self) -> bool:
-        """Whether the coordinator's subscription has met our receipts: a volatile message before that is lost."""
-        listeners = self.get_subscriptions_info_by_topic(self._receipts.topic_name)
-        coordinators = [
-            i for i in listeners if (i.node_name, i.node_namespace) == ("coordinator", self.get_namespace())
-        ]
-        return bool(coordinators) and self._receipts.get_subscription_count() >= len(listeners)
 
     def beat(self) -> None:
         """Publish the state of this node now, with the counts of the open bag."""
@@ -246,7 +239,7 @@ class RecorderNode(BowNode):
         if session is None:
             return
         run = session.expected.run_id
-        self._over = (run, int(session.last_plan["epoch"])) if session.closed else ("", 0)
+        self._done_with = (run, session.last_plan["epoch"]) if session.closed else ("", 0)
         try:
             message = session.close(time.time_ns())
         except OSError as error:
@@ -259,6 +252,7 @@ class RecorderNode(BowNode):
     def _fail(self, session: Session, error: OSError) -> None:
         """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
         self._session = None
+        self._done_with = (session.expected.run_id, session.last_plan["epoch"])
         session.abandon()
         what = f"{session.bag.path}: {error.strerror or error}; nothing more is recorded; make room and resume"
         self.get_logger().error(what)
@@ -275,21 +269,8 @@ def _class_of(topic: Topic) -> type:
     return kind
 
 
-def keep_memory() -> None:
-    """Let the C library keep what is freed: messages of 356 kB otherwise give back and fault in their pages each time.
-
-    It saves a sixth of the recorder's CPU time. Elsewhere than on glibc nothing happens.
-    """
-    trim_threshold, mmap_threshold, kept = -1, -3, 16 << 20
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
-    if mallopt is not None:
-        mallopt(trim_threshold, kept)
-        mallopt(mmap_threshold, kept)
-
-
 def main() -> int:
     """Entry point of ``ros2 run bow recorder``."""
-    keep_memory()
     return live(RecorderNode, description=HELP)
 
 

@@ -15,7 +15,7 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from .mcapfile import CHUNK_HEAD, MESSAGE_FIXED, MESSAGE_HEAD
 
-MAX_CHUNK = 1 << 30
+MAX_CHUNK = 1 << 28
 """Bytes of a chunk unpacked at most: a compressed chunk may claim anything."""
 
 PARSE_ERRORS = (struct.error, McapError, UnicodeDecodeError, KeyError, ValueError, MemoryError)
@@ -76,8 +76,11 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, memoryview, list[tuple[int, int,
     )
     payload = data
     if compression:
-        stream, unpacked = get_chunk_data_stream(chunk)
-        payload = memoryview(stream.read(unpacked))
+        try:
+            stream, unpacked = get_chunk_data_stream(chunk)
+            payload = memoryview(stream.read(unpacked))
+        except Exception as error:  # zstd and lz4 raise their own
+            raise ValueError(f"a chunk that cannot be unpacked: {error}") from None
     actual = zlib.crc32(payload)
     if actual != crc and (crc or not compression):
         raise ValueError(f"the chunk has CRC {actual:08x}, should have {crc:08x}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from bow_sim.model import CHUNK_PERIODS
 
-from .layers import Snapshot, regime_label
+from .layers import MODEL_NAMES, Snapshot, regime_label
 
 SILENT_S = 5.0
 """A node that should say every second how it is, and has not for so long, is called silent."""
@@ -78,7 +78,8 @@ def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate
         Cells done per second.
     """
     values = snapshot.values
-    title = ", ".join(filter(None, [values.get("model"), _setting(snapshot, "v_mid")])) or "Sweep"
+    model = MODEL_NAMES.get(values.get("model", ""), values.get("model"))
+    title = ", ".join(filter(None, [model, _setting(snapshot, "v_mid")])) or "Sweep"
     parts = [
         f"## {title}",
         f"{state} · preset {snapshot.preset}" if snapshot.preset else state,

@@ -142,8 +142,9 @@ class DashboardNode(BowNode):
             self.get_logger().info(f"watch with: rerun --connect {self._show.board.uri}")
         if port and self._view:
             self._open_viewer(self._show.board.uri)
-        if self._early is not None:
-            self._on_map(self._early)
+        early, self._early = self._early, None
+        if early is not None and early["run_id"] == run:
+            self._on_map(early)
 
     def _open_viewer(self, uri: str) -> None:
         """Start a viewer; when we go it stays, with what it has received."""
@@ -156,7 +157,7 @@ class DashboardNode(BowNode):
 
     def _finish(self, why: str) -> None:
         """Finish the file and say so."""
-        show, self._show, self._early = self._show, None, None
+        show, self._show = self._show, None
         if show is None:
             return
         try:

@@ -53,6 +53,16 @@ REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
 
 SPARE_COLOURS = ((0, 114, 178), (213, 94, 0), (120, 94, 240), (160, 110, 70))
 
+MODEL_NAMES = {
+    "stiff_cremer": "Stiff/Cremer",
+    "delta_cremer": "Delta/Cremer",
+    "raman": "Raman",
+    "friedlander": "Friedlander",
+    "rounded_corner": "Rounded-corner",
+    "torsion_absorbed": "Torsion-absorbed",
+}
+"""The models of the hierarchy as the paper calls them."""
+
 TEST_LAYERS = ("correlation", "slips", "corners")
 """The three tests of section III.B."""
 

@@ -91,6 +91,8 @@ class Board:
         self._drawn: tuple[Any, ...] = ()
         self._history: list[tuple[float, int]] = []
         self._marked: set[int] = set()
+        self._chunks: dict[int, list[tuple[int, np.ndarray]]] = {}
+        self._furniture: dict[str, Furniture] = {}
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
         sinks: list[Any] = [rr.FileSink(aside)]
@@ -124,9 +126,9 @@ class Board:
     def _remember(self, chunk: Chunk) -> None:
         """Learn from an old chunk when the recording began, and which cells were under inspection."""
         head, _, name = str(chunk.entity_path).strip("/").rpartition("/")
-        if head == "waveform":
-            self.scope.recall([name])
         batch = chunk.to_record_batch()
+        if head == "waveform" and "sample" in batch.schema.names:
+            self.scope.recall(name, max(batch.column("sample").cast("int64").to_pylist()) + 1)
         if {"sweep", "log_time"} <= set(batch.schema.names) and batch.num_rows:
             elapsed, logged = (batch.column(name).cast("int64")[0].as_py() for name in ("sweep", "log_time"))
             self._began = min(self._began, (logged - elapsed) / 1e9)
@@ -171,7 +173,9 @@ class Board:
     def _draw_furniture(self) -> None:
         """Log what does not change: axes, scales, what the codes mean; and arrange the views around it."""
         snapshot, log = self.snapshot, self._record.log
-        for place, furniture in _furniture(snapshot).items():
+        tests = {f"tests/{name}": layer_furniture(snapshot, name) for name in TEST_LAYERS}
+        self._furniture = {"map": transient_furniture(snapshot), **tests, "regime": regime_furniture(snapshot)}
+        for place, furniture in self._furniture.items():
             self._draw(f"{place}/axes", furniture)
         masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
         for place in ("map", "tests"):
@@ -194,7 +198,7 @@ class Board:
         self._record.send_blueprint(self._blueprint())
 
     def _blueprint(self) -> rrb.Blueprint:
-        return arrange(_furniture(self.snapshot), self.scope.cells)
+        return arrange(self._furniture, self.scope.cells)
 
     def _draw(self, place: str, furniture: Furniture) -> None:
         log = self._record.log
@@ -206,7 +210,7 @@ class Board:
             log(f"{place}/scale", where, picture, static=True)
 
     def waveform(self, cells: Sequence[int], first_sample: int, data: np.ndarray) -> None:
-        """Log a chunk of the bridge force of cells under inspection.
+        """Take a chunk of the bridge force of cells under inspection; it is drawn by :meth:`draw_waveforms`.
 
         Parameters
         ----------
@@ -216,35 +220,43 @@ class Board:
             (cells, samples) bridge force.
         """
         for cell, force in zip(cells, data, strict=True):
-            known = cell in self.scope.cells
-            if not self.scope.admit(cell) or not self.scope.is_new(cell, first_sample):
-                continue
-            self._log_trace(cell, first_sample, force)
-            if not known:
-                self._arrange()
+            if self.scope.admit(cell) and self.scope.is_new(cell, first_sample):
+                self._chunks.setdefault(cell, []).append((first_sample, np.array(force, np.float64)))
 
-    def _log_trace(self, cell: int, first_sample: int, force: np.ndarray) -> None:
+    def draw_waveforms(self) -> None:
+        """Log the chunks that have come since the last time, those of a cell together: a block's come in a burst."""
+        chunks, self._chunks = self._chunks, {}
+        new = [cell for cell in chunks if cell not in self._marked]
+        for cell, pieces in chunks.items():
+            self._log_trace(cell, pieces)
+        if new:
+            self._arrange()
+
+    def _log_trace(self, cell: int, pieces: list[tuple[int, np.ndarray]]) -> None:
         log, path = self._record.log, f"waveform/{trace_name(cell)}"
-        trace = self.scope.trace(self.snapshot, cell, first_sample, force)
+        trace = self.scope.trace(self.snapshot, cell, pieces[-1][1])
         if cell not in self._marked:
             self._marked.add(cell)
             log(path, rr.SeriesLines(names=trace.label, colors=trace.colour, widths=1.0), static=True)
-            frame = rr.LineStrips2D(
-                [trace.frame], colors=trace.colour, radii=rr.Radius.ui_points(1.0), draw_order=ABOVE + 1
-            )
+            thick = rr.Radius.ui_points(1.0)
+            frame = rr.LineStrips2D([trace.frame], colors=trace.colour, radii=thick, draw_order=ABOVE + 1)
             log(f"map/inspected/{trace.name}/frame", frame, static=True)
             log(f"map/inspected/{trace.name}/number", _words([trace.place], [str(trace.number)]), static=True)
-        samples, values = first_sample + np.arange(len(force)), force.astype(np.float64)
-        if not self.scope.follows(cell, first_sample, len(force)):  # a gap, rather than a line across what is missing
-            samples, values = np.append(first_sample - 1, samples), np.append(np.nan, values)
+            log(f"scope/{trace.name}/caption", _words([trace.corner], [trace.caption]), static=True)
+        samples, values = [], []
+        for first, force in pieces:
+            if not self.scope.continues(cell, first, len(force)):  # a gap, rather than a line across what is missing
+                samples.append(np.array([first - 1]))
+                values.append(np.array([np.nan]))
+            samples.append(np.arange(first, first + len(force)))
+            values.append(force)
         self._record.send_columns(
             path,
-            indexes=[rr.TimeColumn("sample", sequence=samples)],
-            columns=rr.Scalars.columns(scalars=values),
+            indexes=[rr.TimeColumn("sample", sequence=np.concatenate(samples))],
+            columns=rr.Scalars.columns(scalars=np.concatenate(values)),
         )
         self._now(among_samples=True)
         log(f"scope/{trace.name}/curve", rr.LineStrips2D([trace.curve], colors=trace.colour, radii=THIN))
-        log(f"scope/{trace.name}/caption", _words([trace.corner], [trace.caption]))
 
     def account(self, text: str) -> None:
         """Log the accounts, Markdown."""
@@ -253,11 +265,12 @@ class Board:
 
     def flush(self) -> None:
         """See that all is in the file so far; what a killed process leaves can be read up to here."""
+        self.draw_waveforms()
         self._record.flush()
 
     def finish(self) -> None:
         """Finish the file, with the footer that makes it quick to open; the server, if there is one, goes on."""
-        self._record.flush()
+        self.flush()
         if not self.uri:
             self._record.disconnect()
             return
@@ -284,11 +297,6 @@ def _no_footer_expected() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RerunWarning)
         yield
-
-
-def _furniture(snapshot: Snapshot) -> dict[str, Furniture]:
-    tests = {f"tests/{name}": layer_furniture(snapshot, name) for name in TEST_LAYERS}
-    return {"map": transient_furniture(snapshot), **tests, "regime": regime_furniture(snapshot)}
 
 
 def _depth(grid: np.ndarray, scale: tuple[float, float]) -> rr.DepthImage:

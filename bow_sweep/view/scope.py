@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +71,7 @@ class Scope:
         self.cells: list[int] = []
         self.left_out: set[int] = set()
         self._seen: set[tuple[int, int]] = set()
+        self._ends: set[tuple[int, int]] = set()
 
     def admit(self, cell: int) -> bool:
         """Return whether a cell has a row, giving it one if there is one left."""
@@ -83,12 +83,11 @@ class Scope:
         self.cells.append(cell)
         return True
 
-    def recall(self, names: Iterable[str]) -> None:
-        """Give rows to the cells that an earlier incarnation showed, by the names of their traces."""
-        for name in names:
-            number = name.removeprefix("cell_")
-            if number.isdecimal():
-                self.admit(int(number))
+    def recall(self, name: str, end: int) -> None:
+        """Give a row to a cell that an earlier incarnation showed up to a sample, by the name of its trace."""
+        number = name.removeprefix("cell_")
+        if number.isdecimal() and self.admit(int(number)):
+            self._ends.add((int(number), end))
 
     def is_new(self, cell: int, first_sample: int) -> bool:
         """Return whether this chunk comes for the first time; another attempt at a block brings the same bytes."""
@@ -97,19 +96,18 @@ class Scope:
         self._seen.add(key)
         return new
 
-    def follows(self, cell: int, first_sample: int, samples: int) -> bool:
-        """Return whether the chunk before this one has come; inspection is best effort."""
-        return first_sample == 0 or (cell, first_sample - samples) in self._seen
+    def continues(self, cell: int, first_sample: int, samples: int) -> bool:
+        """Return whether the chunk before this one is there too: inspection is best effort, chunks can be lost."""
+        self._ends.add((cell, first_sample + samples))
+        return first_sample == 0 or (cell, first_sample) in self._ends
 
-    def trace(self, plane: Plane, cell: int, first_sample: int, force: np.ndarray) -> Trace:
+    def trace(self, plane: Plane, cell: int, force: np.ndarray) -> Trace:
         """Return a chunk of an admitted cell as a curve.
 
         Parameters
         ----------
         plane
             The map that the cell is on.
-        first_sample
-            Of the chunk, since the start of the gesture.
         force
             (samples,) bridge force.
         """

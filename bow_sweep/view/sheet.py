@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator
 
 from bow_sim.model import CHUNK_PERIODS
 
-from .layers import Plane, transient_colours
+from .layers import MODEL_NAMES, Plane, transient_colours
 
 UNIT_DPI = 200
 """Lengths on a sheet are pixels at this resolution."""
@@ -35,15 +35,6 @@ STYLE: Any = {
     "pdf.fonttype": 42,
 }
 MUTED = "0.35"
-
-MODEL_NAMES = {
-    "stiff_cremer": "Stiff/Cremer",
-    "delta_cremer": "Delta/Cremer",
-    "raman": "Raman",
-    "friedlander": "Friedlander",
-    "rounded_corner": "Rounded-corner",
-    "torsion_absorbed": "Torsion-absorbed",
-}
 
 
 class Sheet:

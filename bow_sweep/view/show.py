@@ -24,8 +24,9 @@ ACCOUNT_S = 1.0
 BUSY_SHARE = 0.1
 """Maps are drawn as they come, but in no more than this share of one core's time: a sweep should not feel it."""
 
-SPARSE_SHARE, SPARSE_S = 0.01, 5.0
-"""A long sweep gets a map at every hundredth of its age, and at least every five seconds: its file stays small."""
+SOONEST_S, SPARSE_SHARE, SPARSE_S = 0.2, 0.01, 5.0
+"""Maps are at least so far apart. A long sweep gets one at every hundredth of its age, and one in five seconds at
+least: its file stays small."""
 
 LAST_MAP_S = 0.5
 """How long to wait after the plan closes for a map that holds all that is done: they come on separate topics."""
@@ -131,6 +132,7 @@ class Show:
     def tick(self, nodes: Iterable[Node]) -> bool:
         """Do what is due now; return whether the sweep is over and nothing more is to come."""
         self._draw_if_due()
+        self.board.draw_waveforms()
         now = self._clock()
         if now - self._told >= ACCOUNT_S:
             self._told = now
@@ -148,7 +150,8 @@ class Show:
         self._draw(self._next)
         # the least cost seen: the first map draws its axes too
         self._cost = min(self._cost, time.process_time() - cpu)
-        self._rest_until = began + max(self._cost / BUSY_SHARE, min(SPARSE_S, SPARSE_SHARE * (began - self._opened)))
+        sparse = min(SPARSE_S, SPARSE_SHARE * (began - self._opened))
+        self._rest_until = began + max(self._cost / BUSY_SHARE, sparse, SOONEST_S)
 
     def _draw(self, snapshot: Snapshot) -> None:
         self._next = None

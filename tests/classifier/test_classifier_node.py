@@ -43,9 +43,11 @@ class Graph:
     def __init__(self) -> None:
         self.context = Context()
         rclpy.init(context=self.context)
-        self.node = Node("others", namespace=NAMESPACE, context=self.context)
+        self.node = Node("coordinator", namespace=NAMESPACE, context=self.context)
+        self.recorder = Node("recorder", namespace=NAMESPACE, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self.recorder.create_subscription(Verdicts, "verdicts", lambda _: None, STREAM, raw=True)
         self.verdicts: list[bytes] = []
         self.health: dict[str, Health] = {}
         self.plan = self.node.create_publisher(Plan, "plan", LATCHED)
@@ -77,6 +79,7 @@ class Graph:
     def close(self):
         self.executor.shutdown()
         self.node.destroy_node()
+        self.recorder.destroy_node()
         rclpy.shutdown(context=self.context)
 
 

@@ -196,7 +196,7 @@ RUBBISH = {
     "a flipped bit": (flipped(message(SLIP, 0), 150), "StickSlip"),
     "another run": (message(SLIP, 0, run_id="other"), "run 'other'"),
     "another sweep": (message(SLIP, 0, sweep_id="other"), "sweep 'other'"),
-    "no such block": (message(SLIP, 0, block=2, content=BLOCKS[0][0]), "2 blocks of 5 chunks"),
+    "no such block": (message(SLIP, 0, block=2, content=BLOCKS[0][0], cells=[0, 1]), "2 blocks of 5 chunks"),
     "no such chunk": (message(SLIP, CHUNKS, content=BLOCKS[0][0]), "2 blocks of 5 chunks"),
     "other cells": (message(SLIP, 0, cells=[1, 0]), "not those of the block"),
     "cells of another block": (message(SLIP, 0, block=1, content=BLOCKS[0][0], cells=[0, 1]), "not those of the block"),

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from action_msgs.msg import GoalStatus
 from bow_msgs.action import RunSweep, Simulate
 from bow_msgs.msg import BridgeForce, Health, Receipt, StickSlip, SweepSpec, Verdicts
-from graph import PATIENCE_S, assert_same_map, verified
+from graph import PATIENCE_S, assert_same_map, sweeping, verified
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -104,6 +105,22 @@ def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
     for message in feedback:
         f = message.feedback
         assert f.cells_planned == f.cells_done + f.cells_quarantined + f.cells_outstanding == 128
+
+
+def test_a_cancelled_sweep_closes_its_bag_and_can_be_gone_on_with(nodes: Path, client: Client) -> None:
+    goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=64", "y.count=32", "block_cells=16"]))
+    ledgers: list[Path] = []
+    while not ledgers or b'"done"' not in ledgers[0].read_bytes():
+        ledgers = list(nodes.glob("*/ledger.jsonl"))
+        client.executor.spin_once(0.1)
+    client.until(goal.cancel_goal_async())  # type: ignore[attr-defined]
+    answer = client.until(goal.get_result_async())  # type: ignore[attr-defined]
+    assert answer.status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
+    run = ledgers[0].parent
+    assert (run / "bag" / "metadata.yaml").exists()
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    assert verified(run)["cells"] == 2048
 
 
 def publish_rubbish(node: Node, stop: threading.Event) -> None:

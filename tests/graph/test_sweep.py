@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import SMALL, assert_same_map, bow, orphans, run_sweep, sweeping, verified
+from graph import SMALL, TINY, assert_same_map, bow, orphans, run_sweep, sweeping, verified
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -66,6 +66,23 @@ def test_a_finished_run_is_not_begun_again(undisturbed: Path) -> None:
     assert result.returncode == 2
     assert "is not empty" in result.stderr
     assert (undisturbed / "report.json").read_bytes() == before
+
+
+def test_going_on_with_a_finished_run_says_that_there_is_nothing_to_do(undisturbed: Path) -> None:
+    result = bow("sweep", "--resume", str(undisturbed))
+    assert result.returncode == 0
+    assert "nothing to do" in result.stdout
+
+
+def test_a_run_cut_off_before_its_report_gets_one(tmp_path: Path) -> None:
+    run = run_sweep(tmp_path / "run", *TINY)
+    (run / "report.json").unlink()
+    (run / "map.npz").unlink()
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert (run / "report.json").exists()
+    assert (run / "map.npz").exists()
 
 
 def test_bad_input_is_refused_before_anything_is_made(tmp_path: Path) -> None:

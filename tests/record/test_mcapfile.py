@@ -5,7 +5,7 @@ import os
 import zlib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.records import Channel, Schema
@@ -142,3 +142,36 @@ def test_every_flipped_byte_is_damage(tmp_path):
         path.write_bytes(changed)
         scan = Scan(path).run()
         assert scan.damage or not scan.finished, f"byte {position} of {len(content)}"
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """Two small files, ours and another writer's compressed one, and where to put changed ones."""
+    folder = tmp_path_factory.mktemp("sample")
+    write(folder / "ours.mcap", [os.urandom(size) for size in (30, 0, 200, 7, 60)], commit_every=2)
+    with open(folder / "other.mcap", "wb") as file:
+        writer = Writer(file, chunk_size=300, enable_data_crcs=True)
+        writer.start("ros2", "somebody")
+        channel = writer.register_channel("/a", "cdr", writer.register_schema("a", "ros2msg", b""))
+        for number in range(50):
+            writer.add_message(channel, number, os.urandom(20), number)
+        writer.finish()
+    return folder
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    name=st.sampled_from(["ours", "other"]),
+    splices=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 60), st.binary(max_size=60)), max_size=4),
+    end=st.floats(0, 1) | st.just(1.0),
+)
+def test_whatever_the_bytes_are_a_scan_comes_to_an_end_and_says_so(sample, name, splices, end):
+    whole = (sample / f"{name}.mcap").read_bytes()
+    content = whole
+    for place, length, data in splices:
+        at = int(place * len(content))
+        content = content[:at] + data + content[at + length :]
+    content = content[: int(end * len(content))]
+    (sample / "changed.mcap").write_bytes(content)
+    scan = Scan(sample / "changed.mcap").run()
+    assert scan.whole == (content == whole)

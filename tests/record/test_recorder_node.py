@@ -124,8 +124,11 @@ def test_a_full_disk_is_said_and_nothing_is_corrupt(graph):
     assert "nothing more is recorded; make room and resume" in failed.detail
     receipted = answered(graph, 1)
     assert 0 < len(receipted) < len(KEYS)
+    graph.publish("plan", recording.plan(SWEEP, states=np.array([1, 0, 0], np.uint8)))  # the same epoch goes on
+    send(graph)
     graph.spin(1.0)
     assert answered(graph, 1) == receipted
+    assert graph.state() == Health.FAILED
     assert graph.stop() == 0
 
     graph.start_recorder()

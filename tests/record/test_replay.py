@@ -1,5 +1,8 @@
 """Replay = live: a bag gives the same verdicts through the same core."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import recording
@@ -76,3 +79,15 @@ def test_changes_of_thresholds_begin_at_those_of_the_run_or_at_a_preset():
     assert changed(mine, ["preset=trial", "slip=0.05"]) == Thresholds(slip=0.05)
     with pytest.raises(ParameterError, match=r"classifier\.slop"):
         changed(mine, ["slop=1"])
+
+
+@pytest.mark.parametrize("module", ["verify", "replay", "recover", "session"])
+def test_the_record_is_read_without_ros(module):
+    code = f"import sys, bow_sweep.record.{module}; assert not {{'rclpy', 'rerun'}} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+
+
+def test_the_recorder_needs_no_compiler():
+    """It would cost every start a second, and 90 MB."""
+    code = "import sys, bow_sweep.record.recorder; assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

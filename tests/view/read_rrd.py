@@ -1,0 +1,54 @@
+"""What is in an .rrd file, for assertions."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rerun.chunk import RrdReader
+
+
+def rows(path: Path, entity: str, component: str) -> list[tuple[dict[str, int], Any]]:
+    """All values of a component in the order of their logging, each with its times (none for static data)."""
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a file without a footer warns
+        for chunk in RrdReader(path).stream():
+            if str(chunk.entity_path).strip("/") != entity:
+                continue
+            batch = chunk.to_record_batch()
+            names = set(batch.schema.names)
+            if component not in names:
+                continue
+            times = {
+                name: batch.column(name).cast("int64") for name in ("log_time", "sweep", "sample") if name in names
+            }
+            for row, value in enumerate(batch.column(component)):
+                found.append(({name: column[row].as_py() for name, column in times.items()}, value.as_py()))
+    return sorted(found, key=lambda entry: entry[0].get("log_time", 0))
+
+
+def entities(path: Path) -> set[str]:
+    """The paths of all entities."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return {str(chunk.entity_path).strip("/") for chunk in RrdReader(path).stream()}
+
+
+def image(path: Path, entity: str, kind: str, dtype: str, row: int = -1) -> np.ndarray:
+    """The values of an image, as (height, width)."""
+    (layout,) = rows(path, entity, f"{kind}:format")[row][1]
+    (buffer,) = rows(path, entity, f"{kind}:buffer")[row][1]
+    return np.array(buffer, np.uint8).view(dtype).reshape(layout["height"], layout["width"])
+
+
+def verify(path: Path) -> str:
+    """What `rerun rrd verify` has to say against a file: nothing, or all of it."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, text=True, check=False
+    )
+    return "" if done.returncode == 0 else done.stdout + done.stderr
