@@ -102,6 +102,8 @@ class Block:
         Naming the parameter, cell and value that is wrong.
     """
 
+    _kernel = staticmethod(_advance)  # a friction law from outside needs ``loop.build(0)``, which is not cached
+
     def __init__(self, parameters: Parameters, lanes: Mapping[str, ArrayLike], *, trace: bool = False) -> None:
         self.parameters = parameters
         self.chunk = 0
@@ -153,7 +155,7 @@ class Block:
         shapes = loop.Gesture(**self._levels._asdict(), force=force, speed=speed)
         bridge_force = np.empty((self._groups * LANES, samples), np.float32)
         slipping = np.unpackbits(self._slipping, bitorder="little")[: self._count]
-        _advance(
+        self._kernel(
             start, samples, self._sides, self._law, shapes, self._share_t, self._share_r,
             self._slipping, self._totals, bridge_force, self._intervals, self.traces,
         )  # fmt: skip

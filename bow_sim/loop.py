@@ -307,10 +307,11 @@ def build(version: int) -> Any:
     ----------
     version : int
         Hash of its sources. Numba's cache watches the date of one file only, and this kernel is made of several;
-        but what a closure holds is part of the cache's key, so a cached kernel is never stale.
+        but what a closure holds is part of the cache's key, so a cached kernel is never stale. 0 for a kernel that
+        is not cached, with a friction law that other processes may not know.
     """
 
-    @njit(nogil=True, cache=True, error_model="numpy", _nrt=False)
+    @njit(nogil=True, cache=version != 0, error_model="numpy", _nrt=False)
     def advance(
         start: Any,
         samples: Any,

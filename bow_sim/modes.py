@@ -66,8 +66,8 @@ def ratio(reflection: Reflection) -> tuple[NDArray[np.float64], NDArray[np.float
 def impulse_response(one: Reflection, other: Reflection, admittance: float, samples: int) -> NDArray[np.float64]:
     """Sample g(t), the velocity at the bow after a unit impulse of force there, by equation (5).
 
-    The series ``h_1 + h_2 + 2 h_1*h_2 + h_1*h_2*h_1 + ...`` is summed exactly: with the delta function of equation (1) it
-    is ``(1 + H_1)(1 + H_2)/(1 - H_1 H_2)``, run as a recurrence.
+    The series ``h_1 + h_2 + 2 h_1*h_2 + h_1*h_2*h_1 + ...`` is summed exactly: with the delta function of equation (1)
+    it is ``(1 + H_1)(1 + H_2)/(1 - H_1 H_2)``, run as a recurrence.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def gaussian_q(number: NDArray[np.int64], p: Parameters) -> NDArray[np.float64]:
 
 
 def cremer_q(number: NDArray[np.int64], p: Parameters) -> NDArray[np.float64]:
-    """Q of transverse modes by the continuous spring and dashpot: ``n pi R/2 (1 + (w_c/w_n)**2)`` (PHYSICS.md section 3).
+    """Q of transverse modes by the continuous spring and dashpot: ``n pi R/2 (1 + (w_c/w_n)**2)`` (PHYSICS.md 3).
 
     Parameters
     ----------
@@ -212,5 +212,3 @@ def _numbers(one: Reflection, other: Reflection, w: NDArray[np.float64]) -> NDAr
     around = np.exp(1j * grid)
     phase = -np.unwrap(np.angle(one.response(around) * other.response(around)))
     return np.rint(np.interp(w, grid, phase - phase[0]) / (2 * math.pi)).astype(np.int64)
-
-

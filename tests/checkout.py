@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-import subprocess
+import shutil
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,21 +21,6 @@ def assigned(name: str) -> Any:
 
 
 def copy_sources(target: Path) -> None:
-    """Copy what git has, or would have: no environment, no builds, no runs."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-    for name in filter(None, listed.split("\0")):
-        source = ROOT / name
-        if not source.exists():  # deleted, and not yet committed
-            continue
-        (target / name).parent.mkdir(parents=True, exist_ok=True)
-        if source.is_symlink():
-            (target / name).symlink_to(source.readlink())
-        else:
-            (target / name).write_bytes(source.read_bytes())
-            (target / name).chmod(source.stat().st_mode)
+    """Copy the sources: no environment, no builds, no caches, no runs."""
+    left_out = (".git", ".venv", "build", "install", "log", "dist", "runs", "*.egg-info", "__pycache__", ".*_cache")
+    shutil.copytree(ROOT, target, symlinks=True, ignore=shutil.ignore_patterns(*left_out, ".hypothesis"))

@@ -28,8 +28,9 @@ SOONEST_S, SPARSE_SHARE, SPARSE_S = 0.2, 0.01, 5.0
 """Maps are at least so far apart. A long sweep gets one at every hundredth of its age, and one in five seconds at
 least: its file stays small."""
 
-LAST_MAP_S = 0.5
-"""How long to wait after the plan closes for a map that holds all that is done: they come on separate topics."""
+LAST_MAP_S, FIRST_MAP_S = 0.5, 3.0
+"""How long to wait after the plan closes for a map that holds all that is done: they come on separate topics. Longer
+where no map has come at all: we have only just started, and the coordinator's topics are found one by one."""
 
 IDENTITY = re.compile("[0-9a-f]{16}")
 """A run_id, as Plan.msg has it. It names a directory: nothing else will do."""
@@ -141,7 +142,8 @@ class Show:
         if self._closing is None:
             return False
         latest = settled(self._next or self.board.snapshot, self._plan["block_states"])
-        return is_complete(latest) or now - self._closing > LAST_MAP_S
+        patience = LAST_MAP_S if self.drawn else FIRST_MAP_S
+        return is_complete(latest) or now - self._closing > patience
 
     def _draw_if_due(self) -> None:
         began, cpu = self._clock(), time.process_time()

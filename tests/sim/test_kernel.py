@@ -96,7 +96,11 @@ def test_the_transients_of_figures_5_and_8_part_in_one_decision():
 def test_a_cell_does_not_depend_on_its_lane_its_neighbours_or_their_number(model):
     rng = np.random.default_rng(3)
     p = Parameters(model=model)
-    lanes = {"f_asym": rng.uniform(0.5, 20, 30), "f_init_ratio": rng.uniform(0, 2, 30), "v_mid": rng.uniform(-2, 0.9, 30)}
+    lanes = {
+        "f_asym": rng.uniform(0.5, 20, 30),
+        "f_init_ratio": rng.uniform(0, 2, 30),
+        "v_mid": rng.uniform(-2, 0.9, 30),
+    }
     results = run(p, lanes, 4)
     for cell in (0, 7, 8, 23, 29):
         alone = run(p, {name: values[[cell]] for name, values in lanes.items()}, 4)
@@ -109,7 +113,10 @@ def test_a_cell_does_not_depend_on_its_lane_its_neighbours_or_their_number(model
 SWEEPS = {
     "bow position": ("stiff_cremer", {"bow_bridge": np.array([4, 5, 9, 15, 15, 16, 30, 69, 70, 110.0])}),
     "stiffness": ("stiff_cremer", {"stiffness_b": np.geomspace(1e-6, 1e-3, 10)}),
-    "anti-alias filter": ("stiff_cremer", {"nut_cutoff": np.linspace(0.3, 0.6, 10), "nut_power": np.linspace(3, 6, 10)}),
+    "anti-alias filter": (
+        "stiff_cremer",
+        {"nut_cutoff": np.linspace(0.3, 0.6, 10), "nut_power": np.linspace(3, 6, 10)},
+    ),
     "bridge": ("delta_cremer", {"bridge_r": np.geomspace(2, 200, 10), "bridge_w_c": np.geomspace(0.5, 20, 10)}),
     "torsion": ("delta_cremer", {"torsion_speed": np.linspace(2, 5, 10), "torsion_width": np.linspace(0.5, 3, 10)}),
     "admittances": ("stiff_cremer", {"torsion_admittance": np.linspace(0, 2, 10), "y_t": np.linspace(1, 3, 10)}),
@@ -265,5 +272,7 @@ print(sorted(m for m in ("rclpy", "mcap", "rerun") if m in sys.modules))
 def test_another_process_loads_the_compiled_kernel_and_needs_no_ros():
     for model in MAIN:
         Block(Parameters(model=model), {"f_asym": [2.0]}).advance()  # fills the cache, if it is cold
-    lines = subprocess.run([sys.executable, "-c", CHILD], check=True, capture_output=True, text=True).stdout.splitlines()
+    lines = subprocess.run(
+        [sys.executable, "-c", CHILD], check=True, capture_output=True, text=True
+    ).stdout.splitlines()
     assert lines == ["0 2", fingerprint(), "[]"]

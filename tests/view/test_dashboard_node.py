@@ -46,7 +46,7 @@ class Graph:
         self.process: subprocess.Popen[bytes] | None = None
 
     def _on_health(self, message: Health) -> None:
-        if message.role == "dashboard":
+        if self.process is not None and message.pid == self.process.pid:
             self.heard.append(message)
 
     def start(self, *parameters: str) -> subprocess.Popen[bytes]:

@@ -10,7 +10,7 @@ from read_rrd import image, rows, verify
 from bow_sim import wire
 from bow_sweep.view.account import Node, is_complete, page, settled
 from bow_sweep.view.layers import Snapshot
-from bow_sweep.view.show import LAST_MAP_S, SPARSE_S, Show
+from bow_sweep.view.show import FIRST_MAP_S, LAST_MAP_S, SPARSE_S, Show
 
 OPEN, CLOSED = 1, 2
 
@@ -54,10 +54,14 @@ def test_a_sweep_is_over_when_the_plan_is_closed_and_the_map_is_whole(show, cloc
     assert rows(show.board.path, "progress/cells_done", "Scalars:scalars")[-1][1] == [32.0]
 
 
-def test_a_last_map_that_never_comes_is_not_waited_for_long(show, clock):
+@pytest.mark.parametrize(("maps", "patience"), [(0, FIRST_MAP_S), (1, LAST_MAP_S)])
+def test_a_last_map_that_never_comes_is_not_waited_for_long(show, clock, maps, patience):
+    for _ in range(maps):
+        show.map(basin_map(computed=16))
     show.plan(plan(CLOSED, done=4))
+    clock.now += patience - 0.01
     assert not show.tick([])
-    clock.now += LAST_MAP_S + 0.01
+    clock.now += 0.02
     assert show.tick([])
 
 

@@ -1,0 +1,72 @@
+"""A sweep computed and judged in this process, without a graph and without a bag: for validation and calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bow_classifier.judge import BlockJudge, Geometry, Judgement
+from bow_classifier.regime import Thresholds
+from bow_classifier.slips import Intervals
+from bow_sim.kernel import Block
+from bow_sim.model import Parameters
+
+from .basin import Basin
+from .plan import Sweep
+
+
+def judgements(
+    parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
+) -> Iterator[Judgement]:
+    """Simulate cells and yield the verdicts after every five periods.
+
+    Parameters
+    ----------
+    parameters
+        What all cells share.
+    lanes
+        What differs: name -> (cells,), as in :class:`bow_sim.kernel.Block`.
+    thresholds
+        Of the verdicts; the default ones unless given.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, cell and value that is wrong.
+    """
+    block = Block(parameters, lanes)
+    cells = len(np.asarray(next(iter(lanes.values()))))
+    speed = lanes.get("v_b", parameters.v_b)
+    judge = BlockJudge(Geometry.of(parameters), thresholds or Thresholds(), cells, speed)
+    for _ in range(parameters.chunks):
+        chunk = block.advance()
+        intervals = Intervals(
+            slipping=chunk.slipping,
+            offsets=chunk.offsets,
+            onset=chunk.onset,
+            duration=chunk.duration,
+            slip=chunk.slip,
+        )
+        yield judge.judge(chunk.bridge_force, intervals)
+
+
+def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
+    """Compute the whole map of a sweep, one block after the other.
+
+    Parameters
+    ----------
+    sweep
+        Its plan.
+    progress
+        Called with (blocks done, blocks) after each.
+    """
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    for number in range(sweep.blocks):
+        cells = sweep.block(number)
+        for test, verdict in enumerate(judgements(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
+            basin.take(test, cells, verdict._asdict())
+        if progress:
+            progress(number + 1, sweep.blocks)
+    return basin

@@ -1,0 +1,161 @@
+"""`bow validate`: what the paper states beside what this program finds, with a verdict for each claim.
+
+The claims are those of PHYSICS.md section 8 and the sections of the paper they come from. A row's verdict is *pass* or
+*fail* by a tolerance that the row gives with its reason; *report* where the paper's statement gives nothing to hold a
+number against; *needs runs* where it is about maps that were not given.
+"""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+PASS, FAIL, REPORT, NEEDS_RUNS = "pass", "fail", "report", "needs runs"
+VERDICTS = (PASS, FAIL, REPORT, NEEDS_RUNS)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One claim.
+
+    Attributes
+    ----------
+    key
+        Short name, unique in the table.
+    claim
+        What is claimed, in words.
+    where
+        Where it stands: section or figure of the paper, or of PHYSICS.md.
+    expected
+        The value claimed.
+    measured
+        Ours.
+    verdict
+        One of `VERDICTS`.
+    reason
+        Why the tolerance is what it is, or why there is none.
+    values
+        The numbers behind `measured`, for programs.
+    """
+
+    key: str
+    claim: str
+    where: str
+    expected: str
+    measured: str
+    verdict: str
+    reason: str
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+def row(
+    key: str, claim: str, where: str, expected: str, measured: str, holds: bool | None, reason: str, **values: Any
+) -> Row:
+    """Return a row that passes or fails as the claim holds or not; None only reports."""
+    verdict = REPORT if holds is None else PASS if holds else FAIL
+    return Row(key, claim, where, expected, measured, verdict, reason, _plain(values))
+
+
+def _plain(value: Any) -> Any:
+    """Turn NumPy's numbers and arrays into what JSON has; NaN and infinity, which it has not, into None."""
+    if isinstance(value, dict):
+        return {str(name): _plain(part) for name, part in value.items()}
+    if hasattr(value, "tolist"):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, float):
+        return float(f"{value:.8g}") if abs(value) < float("inf") else None
+    return value
+
+
+@dataclass(frozen=True)
+class Report:
+    """All rows, and the runs whose maps were judged: (directory, what it is a map of)."""
+
+    rows: tuple[Row, ...]
+    runs: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether no row fails."""
+        return all(row.verdict != FAIL for row in self.rows)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many rows have each verdict."""
+        counted = Counter(row.verdict for row in self.rows)
+        return {verdict: counted[verdict] for verdict in VERDICTS}
+
+    def summary(self) -> str:
+        """Return the counts in words."""
+        return ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items() if count)
+
+    def to_json(self) -> str:
+        """Return the report for programs."""
+        runs = [{"directory": directory, "map": name} for directory, name in self.runs]
+        rows = [asdict(row) for row in self.rows]
+        return json.dumps({"ok": self.ok, "counts": self.counts, "runs": runs, "rows": rows}, indent=2) + "\n"
+
+    def to_text(self, width: int = 120) -> str:
+        """Return the table for a terminal."""
+        lines = []
+        for row in self.rows:
+            lines += textwrap.wrap(f"{row.claim}  [{row.where}]", width, initial_indent=f"{row.verdict.upper():11}",
+                                   subsequent_indent=" " * 11)  # fmt: skip
+            for name, text in (("claimed", row.expected), ("ours", row.measured)):
+                lines += textwrap.wrap(text, width, initial_indent=f"{'':11}{name + ':':9}", subsequent_indent=" " * 20)
+            if row.verdict == FAIL:
+                lines += textwrap.wrap(row.reason, width, initial_indent=f"{'':11}asked:   ",
+                                       subsequent_indent=" " * 20)  # fmt: skip
+        return "\n".join([*lines, "", self.summary()])
+
+    def to_markdown(self) -> str:
+        """Return the table as a section of Markdown, the tolerances and their reasons below it."""
+        lines = ["| # | claim | where | claimed | ours | verdict |", "|---|---|---|---|---|---|"]
+        for number, row in enumerate(self.rows, 1):
+            cells = (str(number), row.claim, row.where, row.expected, row.measured, f"**{row.verdict}**")
+            lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
+        lines += ["", f"{self.summary()}.", "", "How each is judged:", ""]
+        lines += [f"{number}. `{row.key}`: {row.reason}." for number, row in enumerate(self.rows, 1)]
+        if self.runs:
+            lines += ["", "Maps:", "", *(f"- {name}: `{directory}`" for directory, name in self.runs)]
+        return "\n".join(lines) + "\n"
+
+
+def validate(
+    runs: Sequence[Path] = (), progress: Callable[[float, float], None] | None = None, maps: bool = True
+) -> Report:
+    """Hold the program against the paper.
+
+    Parameters
+    ----------
+    runs
+        Run directories, or map.npz files, of the paper's maps; in any order.
+    progress
+        Called with (claims judged, claims) now and then.
+    maps
+        Also list the rows about maps.
+
+    Raises
+    ------
+    MapFileError
+        Where a run has no map, or it is none of the paper's six.
+    """
+    from . import validate_maps, validate_string
+
+    found = validate_maps.recognise(runs)
+    checks: list[Callable[[], Iterable[Row]]] = list(validate_string.CHECKS)
+    if maps:
+        checks += [lambda check=check: [check(found.maps)] for check in validate_maps.CHECKS]  # type: ignore[misc]
+    rows: list[Row] = []
+    for done, check in enumerate(checks):
+        if progress:
+            progress(done, len(checks))
+        rows += check()
+    return Report(tuple(rows), found.listed)
