@@ -106,6 +106,11 @@ def _markers(axis: Any, delta: NDArray[np.float64], stiff: NDArray[np.float64], 
     axis.grid(alpha=0.25, lw=0.5)
 
 
+def _legend(axis: Any) -> None:
+    handles, names = axis.get_legend_handles_labels()
+    axis.legend(handles[::-1], names[::-1], frameon=False, loc="upper left")
+
+
 def _caption() -> str:
     delta, stiff = models()
     return (
@@ -134,7 +139,7 @@ def figure_3() -> Figure:
                       textcoords="offset points", fontsize=7.5, color=MUTED)  # fmt: skip
         _markers(axis, delta.frequency / delta.number, stiff.frequency / stiff.number, "^", "o")
         axis.set_ylabel("$f_n / n$   (Hz)")
-        axis.legend(frameon=False, loc="upper left", reverse=True)
+        _legend(axis)
     return page.figure
 
 
@@ -146,5 +151,5 @@ def figure_4() -> Figure:
         (axis,) = page.panels(1)
         _markers(axis, delta.q, stiff.q, "o", "^")
         axis.set(ylabel="Q factor", ylim=(0, None))
-        axis.legend(frameon=False, loc="upper left", reverse=True)
+        _legend(axis)
     return page.figure

@@ -172,23 +172,19 @@ class Block:
         return friction.law_of(described)
 
     def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The gesture's shapes in this chunk: (samples,), or for the general kernel (groups, samples, 8)."""
+        """The gesture's shapes in this chunk: (samples,), or each lane's own, (groups, samples, 8)."""
         if self._own_tables:
             force, speed = gesture.shapes_of_cells(self._cells, start, samples)
         else:
             force, speed = gesture.shapes(self.parameters, start, samples)
-            if not self._general:
-                return force.astype(self._dtype), speed.astype(self._dtype)
-        return self._spread_table(force), self._spread_table(speed)
+        return self._table(force), self._table(speed)
 
-    def _spread_table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
-        """Give every lane its shape, out of (cells, samples) or one that all share, (samples,)."""
-        samples = shape.shape[-1]
-        table: NDArray[Any] = np.empty((self._groups, samples, LANES), self._dtype)
+    def _table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
+        """Lay out shapes for the kernel: those of cells, (cells, samples), as lanes; one that all share as it is."""
         if shape.ndim == 1:
-            table[:] = shape[None, :, None]
-        else:
-            table[:] = self._padded(shape).reshape(self._groups, LANES, samples).transpose(0, 2, 1)
+            return shape.astype(self._dtype)
+        table: NDArray[Any] = np.empty((self._groups, shape.shape[1], LANES), self._dtype)
+        table[:] = self._padded(shape).reshape(self._groups, LANES, -1).transpose(0, 2, 1)
         return table
 
     def _padded(self, values: NDArray[Any]) -> NDArray[Any]:

@@ -185,6 +185,11 @@ class Parameters:
         return self.bow_bridge / self.period
 
     @property
+    def nut_lag(self) -> int:
+        """Round trip bow-nut-bow of an ideal string, samples."""
+        return self.period - self.bow_bridge
+
+    @property
     def chunk_samples(self) -> int:
         """Samples of a chunk: five nominal periods."""
         return CHUNK_PERIODS * self.period

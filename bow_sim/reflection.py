@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -170,8 +171,76 @@ def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
     return Reflection(tuple(-gain * x / total for x in w), lags[0])
 
 
+# The hierarchy of section II.B, from the simplest on
+
+
+def friedlander(p: Parameters) -> Ends:
+    """An ideal string between rigid ends, nothing lost (section II.B; Friedlander 1953, Keller 1953).
+
+    Every periodic motion is unstable where the friction curve falls. Setting: ``model=friedlander``.
+    """
+    return Ends(delta(p.bow_bridge), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, 0.0)
+
+
+def raman(p: Parameters) -> Ends:
+    """A string whose ends give back ``bridge_gain`` and ``nut_gain`` of what they get (section II.B; Raman 1918).
+
+    Waveforms are constant between jumps. Setting: ``model=raman``.
+    """
+    bridge, nut = delta(p.bow_bridge, p.bridge_gain), delta(p.nut_lag, p.nut_gain)
+    return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
+
+
+def rounded_corner(p: Parameters) -> Ends:
+    """Narrow reflections of finite width, Gaussians of ``corner_width`` (section II.B; Cremer's rounded corner).
+
+    The Helmholtz corner has a finite extent, sharper at higher bow force. Setting: ``model=rounded_corner``.
+    """
+    bridge, nut = (gaussian(float(d), p.corner_width, 1.0, p.torsion_half) for d in (p.bow_bridge, p.nut_lag))
+    return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
+
+
+def torsion_absorbed(p: Parameters) -> Ends:
+    """Cremer's bridge, and torsional waves that leave the bow and never return (section II.B, refs. 5 and 18).
+
+    The same as a linear shear of the friction curve. Setting: ``model=torsion_absorbed``.
+    """
+    y_r = p.torsion_admittance * p.y_t
+    return Ends(_cremer(p), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, y_r)
+
+
+def delta_cremer(p: Parameters) -> Ends:
+    """Cremer's bridge, a rigid nut, and torsional reflections (section III.A). Setting: ``model=delta_cremer``."""
+    near, far = (
+        gaussian(d / p.torsion_speed, p.torsion_width, p.torsion_gain, p.torsion_half)
+        for d in (p.bow_bridge, p.nut_lag)
+    )
+    return Ends(_cremer(p), delta(p.nut_lag), near, far, p.y_t, p.torsion_admittance * p.y_t)
+
+
+def stiff_cremer(p: Parameters) -> Ends:
+    """The same with a stiff string's dispersion on the long side (section III.A). Setting: ``model=stiff_cremer``."""
+    nut = stiff(p.nut_lag, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
+    return delta_cremer(p)._replace(nut=nut)
+
+
+def _cremer(p: Parameters) -> Reflection:
+    return cremer(p.bow_bridge, p.bridge_r, p.bridge_w_c, p.period)
+
+
+HIERARCHY: dict[str, Callable[[Parameters], Ends]] = {
+    "friedlander": friedlander,
+    "raman": raman,
+    "rounded_corner": rounded_corner,
+    "torsion_absorbed": torsion_absorbed,
+    "delta_cremer": delta_cremer,
+    "stiff_cremer": stiff_cremer,
+}
+"""The models by name, as in :data:`bow_sim.model.MODELS`."""
+
+
 def ends(p: Parameters) -> Ends:
-    """Return the reflection functions and admittances of a model.
+    """Return the reflection functions and admittances of a model, the user's own in place of those that are given.
 
     Parameters
     ----------
@@ -180,34 +249,13 @@ def ends(p: Parameters) -> Ends:
     Returns
     -------
     Ends
+
+    Raises
+    ------
+    ParameterError
+        If the geometry leaves no room for a reflection function.
     """
-    return _with_functions(p, _own(p))
-
-
-def _own(p: Parameters) -> Ends:
-    """Return the model's own reflection functions (sections II.B and III.A)."""
-    near, far = p.bow_bridge, p.period - p.bow_bridge
-    y_r = p.torsion_admittance * p.y_t
-    if p.model == "friedlander":
-        return Ends(delta(near), delta(far), ABSORBED, ABSORBED, p.y_t, 0.0)
-    if p.model == "raman":
-        return Ends(delta(near, p.bridge_gain), delta(far, p.nut_gain), ABSORBED, ABSORBED, p.y_t, 0.0)
-    if p.model == "rounded_corner":
-        bridge, nut = (gaussian(float(d), p.corner_width, 1.0, p.torsion_half) for d in (near, far))
-        return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
-    bridge = cremer(near, p.bridge_r, p.bridge_w_c, p.period)
-    if p.model == "torsion_absorbed":
-        return Ends(bridge, delta(far), ABSORBED, ABSORBED, p.y_t, y_r)
-    nut = delta(far)
-    if p.model == "stiff_cremer":
-        nut = stiff(far, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
-    torsion = [gaussian(d / p.torsion_speed, p.torsion_width, p.torsion_gain, p.torsion_half) for d in (near, far)]
-    return Ends(bridge, nut, torsion[0], torsion[1], p.y_t, y_r)
-
-
-def _with_functions(p: Parameters, own: Ends) -> Ends:
-    """Put the user's reflection functions in place of the model's."""
     given: dict[str, Any] = {
         name.removesuffix("_function"): parse(text, name) for name in FUNCTIONS if (text := getattr(p, name))
     }
-    return own._replace(**given)
+    return HIERARCHY[p.model](p)._replace(**given)

@@ -28,6 +28,7 @@ def warm(dtype: str) -> None:
         ("delta/Cremer", lambda: Block(delta, {"f_asym": [delta.f_asym]}).advance()),
         ("stiff/Cremer", lambda: Block(stiff, {"f_asym": [stiff.f_asym]}).advance()),
         ("any other model", lambda: Block(raman, {"f_asym": [raman.f_asym]}).advance()),
+        ("any model, time constants that differ", lambda: Block(raman, {"tau_f": [raman.tau_f]}).advance()),
         ("transients", lambda: transient(delta)),
     )
     for name, job in jobs:

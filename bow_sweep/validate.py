@@ -10,10 +10,13 @@ from __future__ import annotations
 import json
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from .papermaps import at_paper_size, recognise
+from .view.maps import MapFile
 
 PASS, FAIL, REPORT, NEEDS_RUNS = "pass", "fail", "report", "needs runs"
 VERDICTS = (PASS, FAIL, REPORT, NEEDS_RUNS)
@@ -53,12 +56,61 @@ class Row:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def row(
-    key: str, claim: str, where: str, expected: str, measured: str, holds: bool | None, reason: str, **values: Any
-) -> Row:
-    """Return a row that passes or fails as the claim holds or not; None only reports."""
-    verdict = REPORT if holds is None else PASS if holds else FAIL
-    return Row(key, claim, where, expected, measured, verdict, reason, _plain(values))
+class Found(NamedTuple):
+    """What was looked for and found.
+
+    Attributes
+    ----------
+    measured
+        In words.
+    holds
+        Whether the claim does; None where there is nothing to hold it against.
+    values
+        The numbers.
+    """
+
+    measured: str
+    holds: bool | None
+    values: dict[str, Any]
+
+
+Maps = Mapping[str, MapFile]
+"""The maps that were given, by their letter in Fig 11."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim and how it is looked into; the texts are those of :class:`Row`.
+
+    Attributes
+    ----------
+    needs
+        Letters of the maps of Fig 11 that it is about; "" for none.
+    look
+        Takes the maps.
+    """
+
+    key: str
+    claim: str
+    where: str
+    expected: str
+    reason: str
+    needs: str
+    look: Callable[[Maps], Found]
+
+    def judge(self, maps: Maps) -> Row:
+        """Return the row; a map that is coarser or shorter than the paper's is measured, not judged."""
+        text = (self.key, self.claim, self.where, self.expected)
+        missing = [f"fig11{letter}" for letter in self.needs if letter not in maps]
+        if missing:
+            return Row(*text, f"give a run of {', '.join(missing)}", NEEDS_RUNS, self.reason)
+        measured, holds, values = self.look(maps)
+        coarse = [letter for letter in self.needs if not at_paper_size(maps[letter])]
+        if coarse and holds is not None:
+            measured += f"; not judged: ({', '.join(coarse)}) coarser or shorter than the paper's"
+            holds = None
+        verdict = REPORT if holds is None else PASS if holds else FAIL
+        return Row(*text, measured, verdict, self.reason, _plain(values))
 
 
 def _plain(value: Any) -> Any:
@@ -128,9 +180,7 @@ class Report:
         return "\n".join(lines) + "\n"
 
 
-def validate(
-    runs: Sequence[Path] = (), progress: Callable[[float, float], None] | None = None, maps: bool = True
-) -> Report:
+def validate(runs: Sequence[Path] = (), progress: Callable[[float, float], None] | None = None) -> Report:
     """Hold the program against the paper.
 
     Parameters
@@ -138,24 +188,20 @@ def validate(
     runs
         Run directories, or map.npz files, of the paper's maps; in any order.
     progress
-        Called with (claims judged, claims) now and then.
-    maps
-        Also list the rows about maps.
+        Called with (claims judged, claims) before each.
 
     Raises
     ------
     MapFileError
         Where a run has no map, or it is none of the paper's six.
     """
-    from . import validate_maps, validate_string
+    from . import claims_maps, claims_modes, claims_motion
 
-    found = validate_maps.recognise(runs)
-    checks: list[Callable[[], Iterable[Row]]] = list(validate_string.CHECKS)
-    if maps:
-        checks += [lambda check=check: [check(found.maps)] for check in validate_maps.CHECKS]  # type: ignore[misc]
-    rows: list[Row] = []
-    for done, check in enumerate(checks):
+    found = recognise(runs)
+    claims = (*claims_modes.CLAIMS, *claims_motion.CLAIMS, *claims_maps.CLAIMS)
+    rows = []
+    for done, claim in enumerate(claims):
         if progress:
-            progress(done, len(checks))
-        rows += check()
+            progress(done, len(claims))
+        rows.append(claim.judge(found.maps))
     return Report(tuple(rows), found.listed)

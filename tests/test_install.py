@@ -76,6 +76,12 @@ def test_colcon_puts_the_executables_where_ros2_run_looks(built: Path) -> None:
 
 
 @pytest.mark.full
+def test_an_executable_runs_with_the_python_of_whoever_runs_it(built: Path) -> None:
+    with open(built / "install/bow/lib/bow/simulator") as script:
+        assert script.readline() == "#!/usr/bin/env python3\n"
+
+
+@pytest.mark.full
 def test_colcon_enters_both_packages_in_the_ament_index(built: Path) -> None:
     for package in ("bow", "bow_msgs"):
         assert (built / f"install/{package}/share/ament_index/resource_index/packages/{package}").is_file()

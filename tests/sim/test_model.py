@@ -112,7 +112,7 @@ def test_a_number_is_taken_exactly_if_its_range_holds_it(value, name):
 def test_an_unknown_name_is_refused_and_a_near_one_suggested():
     with pytest.raises(ParameterError, match=r"sweep: f_asim = 1: unknown parameter; did you mean f_asym\?"):
         Parameters.from_mapping({"f_asim": 1}, "sweep: ")
-    with pytest.raises(ParameterError, match="the parameters are .*v_mid"):
+    with pytest.raises(ParameterError, match=r"the parameters are .*v_mid"):
         Parameters().replace(qqqqqq=1)
 
 
@@ -136,7 +136,7 @@ def test_a_named_bridge_sets_spring_and_dashpot_and_yields_to_explicit_values(na
 def test_a_changed_copy_is_checked_like_a_new_one():
     p = Parameters(v_mid=0.5)
     assert p.replace(v_mid=-2).v_mid == -2.0
-    with pytest.raises(ParameterError, match="v_mid = 0.5: must be less than v_b = 0.4"):
+    with pytest.raises(ParameterError, match=r"v_mid = 0\.5: must be less than v_b = 0\.4"):
         p.replace(v_b=0.4)
     assert dataclasses.replace(p, model="raman").model == "raman"
     assert set(MODELS) >= {"friedlander", "raman", "rounded_corner", "torsion_absorbed", "delta_cremer", "stiff_cremer"}

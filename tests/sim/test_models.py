@@ -15,7 +15,7 @@ N = 139
 
 
 def divergence(p, periods=60):
-    """Greatest difference within each period between two motions that begin 1e-10 apart, and whether they decide alike."""
+    """Greatest difference, period by period, of motions that begin 1e-10 apart, and whether they decide alike."""
     p = p.replace(periods=periods)
     one, other = transient(p), transient(p.replace(f_init_ratio=p.f_init_ratio + 1e-10))
     alike = np.array_equal(one["slipping"], other["slipping"])

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bow_sim.model import MODELS, ParameterError, Parameters
-from bow_sim.reflection import ABSORBED, Reflection, cremer, delta, ends, gaussian, stiff
+from bow_sim.reflection import ABSORBED, HIERARCHY, Reflection, cremer, delta, ends, gaussian, stiff
 from bow_sim.taps import check, embed_files, greatest_gain, parse, read
 
 SIDES = ("bridge", "nut", "torsion_bridge", "torsion_nut")
@@ -27,6 +27,14 @@ def area(r):
 def moment(r):
     """First moment of the taps, samples."""
     return sum((r.first + k) * x for k, x in enumerate(r.taps)) / sum(r.taps)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_has_its_reflections_and_says_where_the_paper_has_them(model):
+    assert list(HIERARCHY) == list(MODELS)
+    said = HIERARCHY[model].__doc__
+    assert "section" in said and f"model={model}" in said
+    assert "II" in MODELS[model]
 
 
 @pytest.mark.parametrize("model", MODELS)
