@@ -197,6 +197,7 @@ class SimulatorNode(BowNode):
         why = self._objection(goal)
         if why:
             self.get_logger().warning(f"block {goal.block}, attempt {goal.attempt} rejected: {why}")
+            self.become(self.health.state, f"rejects blocks: {why}")
             return GoalResponse.REJECT
         with self._lock:
             self._enter(goal.epoch)

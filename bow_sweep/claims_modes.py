@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from bow_sim.model import Parameters
 from bow_sim.modes import gaussian_q, torsional_modes
 from bow_sim.reflection import ends
 
-from .validate import Claim, Found
+from .validate import Claims, Found, Maps
 
 TORSIONAL_Q = (25.0, 43.0, 45.0, 45.0, 40.0, 37.0, 33.0, 29.0)
 """The paper's list, modes 1 to 8 (section III.A)."""
@@ -32,17 +32,8 @@ DISCRETE_Q = {1: 617, 4: 288, 7: 333, 13: 510}
 AMBIGUOUS = {-2.0: 3.71, 0.2: 0.99, 0.9: 0.124}
 """Bow force above which friction is ambiguous, by v_mid (PHYSICS.md section 4)."""
 
-CLAIMS: list[Claim] = []
-"""All of them, in the order of the table."""
-
-
-def claim(key: str, words: str, where: str, expected: str, reason: str) -> Callable[[Callable[[], Found]], None]:
-    """Make a claim of a function that looks into it."""
-
-    def add(look: Callable[[], Found]) -> None:
-        CLAIMS.append(Claim(key, words, where, expected, reason, "", lambda _: look()))
-
-    return add
+CLAIMS = Claims()
+claim = CLAIMS.claim
 
 
 def listed(values: Iterable[float], digits: int = 1) -> str:
@@ -61,7 +52,7 @@ def _furthest(values: np.ndarray, target: object) -> float:
     "25, 43, 45, 45, 40, 37, 33, 29",
     "within 12 %: whole numbers read off the discrete model; for mode 1 its Gaussian has 27.5 in theory, not 25",
 )
-def _torsional_q() -> Found:
+def _torsional_q(_: Maps) -> Found:
     q = torsional_modes(models()[0]).q
     worst = _furthest(q, TORSIONAL_Q)
     return Found(f"{listed(q)}: within {100 * worst:.1f} %", worst <= 0.12, {"q": q})
@@ -74,7 +65,7 @@ def _torsional_q() -> Found:
     "27.5, 42.2, 45.7, 43.8, 40.2, 36.4, 32.9, 29.9",
     "within 2 %: the taps sample the Gaussian, and cut it off",
 )
-def _torsional_q_theory() -> Found:
+def _torsional_q_theory(_: Maps) -> Found:
     found = torsional_modes(models()[0])
     worst = _furthest(found.q, GAUSSIAN_Q)
     theory = gaussian_q(found.number, models()[0])
@@ -88,7 +79,7 @@ def _torsional_q_theory() -> Found:
     "n × 1056 Hz",
     "within 0.5 %, for “quite accurate harmonics”",
 )
-def _torsional_frequency() -> Found:
+def _torsional_frequency(_: Maps) -> Found:
     found = torsional_modes(models()[0])
     ratio = found.frequency / found.number
     worst = _furthest(ratio, TORSIONAL_HZ)
@@ -103,7 +94,7 @@ def _torsional_frequency() -> Found:
     "much",
     "at least 3 times, for “much”, in either model and in each of the first 8 modes",
 )
-def _torsional_damping() -> Found:
+def _torsional_damping(_: Maps) -> Found:
     delta, stiff = transverse()
     ratio = np.minimum(delta.q[:8], stiff.q[:8]) / torsional_modes(models()[0]).q
     return Found(f"at least {ratio.min():.1f} times, mode by mode", bool(ratio.min() >= 3), {"ratio": ratio})
@@ -116,7 +107,7 @@ def _torsional_damping() -> Found:
     "within 0.33 %",
     "0.33 % over 30 modes: the bridge's tail adds 0.48 sample of 139 at low frequency and none at high (PHYSICS.md 3)",
 )
-def _fig3_delta() -> Found:
+def _fig3_delta(_: Maps) -> Found:
     delta, _ = transverse()
     ratio = delta.frequency / delta.number
     spread = float(np.ptp(ratio) / ratio.mean())
@@ -137,7 +128,7 @@ def sharpening() -> tuple[np.ndarray, np.ndarray]:
     "approximately quadratic",
     "exponent 2 ± 0.1, by a straight line through modes 5 to 30 in logarithms; below, filter and bridge weigh as much",
 )
-def _fig3_stiff() -> Found:
+def _fig3_stiff(_: Maps) -> Found:
     n, excess = sharpening()
     power = float(np.polyfit(np.log(n[4:]), np.log(excess[4:]), 1)[0])
     return Found(f"as n to the {power:.2f}", abs(power - 2) <= 0.1, {"excess": excess, "power": power})
@@ -150,7 +141,7 @@ def _fig3_stiff() -> Found:
     "1.99 % at n = 30",
     "within 2 % of it: mode 30 is sharper than 30 × 440 Hz, where the formula is taken",
 )
-def _fig3_size() -> Found:
+def _fig3_size(_: Maps) -> Found:
     n, excess = sharpening()
     p = models()[1]
     whole = (1 - p.beta) * (np.sqrt(1 + p.stiffness_b * n[-1] ** 2) - 1)
@@ -165,7 +156,7 @@ def _fig3_size() -> Found:
     "617, 288, 333, 510",
     "as printed, to the nearest whole number",
 )
-def _fig4_values() -> Found:
+def _fig4_values(_: Maps) -> Found:
     delta, _ = transverse()
     q = [float(delta.q[n - 1]) for n in DISCRETE_Q]
     close = all(abs(ours - theirs) <= 0.5 for ours, theirs in zip(q, DISCRETE_Q.values(), strict=True))
@@ -179,7 +170,7 @@ def _fig4_values() -> Found:
     "right order of magnitude",
     "medians of 30 modes within a factor of 3, half an order of magnitude",
 )
-def _fig4_order() -> Found:
+def _fig4_order(_: Maps) -> Found:
     medians = [float(np.median(m.q)) for m in transverse()]
     words = f"medians {medians[0]:.0f} (delta) and {medians[1]:.0f} (stiff)"
     return Found(words, 1 / 3 <= medians[0] / medians[1] <= 3, {"medians": medians})
@@ -192,7 +183,7 @@ def _fig4_order() -> Found:
     "equal",
     "within 2 % for modes 1 to 5: the anti-alias filter is to leave them alone",
 )
-def _fig4_low() -> Found:
+def _fig4_low(_: Maps) -> Found:
     delta, stiff = transverse()
     worst = _furthest(stiff.q[:5], delta.q[:5])
     return Found(f"within {100 * worst:.1f} % for modes 1 to 5", worst <= 0.02, {"greatest": worst})
@@ -205,7 +196,7 @@ def _fig4_low() -> Found:
     "lower",
     "by more than a tenth at mode 15, and from there the more the higher",
 )
-def _fig4_high() -> Found:
+def _fig4_high(_: Maps) -> Found:
     delta, stiff = transverse()
     ratio = stiff.q[14:] / delta.q[14:]
     words = f"{ratio[0]:.2f} times at mode 15, {ratio[-1]:.2f} times at mode 30"
@@ -219,7 +210,7 @@ def _fig4_high() -> Found:
     "approximately 12 (formula: 11.46)",
     "within 0.1 % of the formula's four digits, and 5 % of “approximately 12”",
 )
-def _schelleng() -> Found:
+def _schelleng(_: Maps) -> Found:
     p = Parameters()
     force = p.v_b / (ends(p).y * p.beta * (p.mu_s - p.mu_d))
     close = abs(force / SCHELLENG_EXACT - 1) <= 0.001 and abs(force / SCHELLENG - 1) <= 0.05
@@ -233,7 +224,7 @@ def _schelleng() -> Found:
     "0.80 and 0.55",
     "exact but for rounding",
 )
-def _fig9_midway() -> Found:
+def _fig9_midway(_: Maps) -> Found:
     p = Parameters()
     slip = np.array([[0.0, p.v_b - v_mid] for v_mid in AMBIGUOUS])
     mu = np.array([sliding_coefficient(s, p.mu_s, p.mu_d, s[1]) for s in slip])
@@ -248,7 +239,7 @@ def _fig9_midway() -> Found:
     "3.71, 0.99, 0.124",
     "to half a unit of the last digit printed",
 )
-def _fig9_hysteresis() -> Found:
+def _fig9_hysteresis(_: Maps) -> Found:
     p = Parameters()
     force = [ambiguous_force(ends(p).y, p.mu_s, p.mu_d, p.v_b - v_mid) for v_mid in AMBIGUOUS]
     close = np.abs(np.array(force) - list(AMBIGUOUS.values())) <= (0.005, 0.005, 0.0005)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 
 import numpy as np
 
@@ -13,22 +12,13 @@ from bow_sim.model import Parameters
 
 from .inprocess import judgements
 from .single import regular_from
-from .validate import Claim, Found
+from .validate import Claims, Found, Maps
 
 ONSETS = {5.5: 2224, 5.3: 2922}
 """Regular from this slip onset, by bow force (PHYSICS.md section 8, trial implementation)."""
 
-CLAIMS: list[Claim] = []
-"""All of them, in the order of the table."""
-
-
-def claim(key: str, words: str, where: str, expected: str, reason: str) -> Callable[[Callable[[], Found]], None]:
-    """Make a claim of a function that looks into it."""
-
-    def add(look: Callable[[], Found]) -> None:
-        CLAIMS.append(Claim(key, words, where, expected, reason, "", lambda _: look()))
-
-    return add
+CLAIMS = Claims()
+claim = CLAIMS.claim
 
 
 @functools.cache
@@ -45,7 +35,7 @@ def passed(force: float) -> list[bool]:
     "some 16 periods; being established by sample 2400",
     "16 ± 1 periods for “some 16”, by sample 2400, and one slip a period (139 ± 5 samples) from there to the end",
 )
-def _fig5_length() -> Found:
+def _fig5_length(_: Maps) -> Found:
     m = motion()
     onset = regular_from(m.slipping, m.parameters.period)
     if onset is None:
@@ -62,7 +52,7 @@ def _fig5_length() -> Found:
     "onset 2224",
     "exact: float64 implementations agree to 1e-10 over 30 periods, so every stick/slip decision is the same",
 )
-def _fig5_onset() -> Found:
+def _fig5_onset(_: Maps) -> Found:
     onset = regular_from(motion().slipping, motion().parameters.period)
     return Found(f"onset {onset}", onset == ONSETS[5.5], {"onset": onset})
 
@@ -74,11 +64,13 @@ def _fig5_onset() -> Found:
     "periodic, one slip and one corner a period",
     "the classifier's three tests pass by period 25 and every five periods from then to the end",
 )
-def _fig6_helmholtz() -> Found:
+def _fig6_helmholtz(_: Maps) -> Found:
     tests = passed(5.5)
     first = next((n for n in range(len(tests)) if all(tests[n:])), len(tests))
     periods = 5 * (first + 1)
-    words = f"all three tests pass from period {periods} to {5 * len(tests)}" if tests[-1] else "a test fails at the end"
+    words = (
+        f"all three tests pass from period {periods} to {5 * len(tests)}" if tests[-1] else "a test fails at the end"
+    )
     return Found(words, periods <= 25, {"passed": tests})
 
 
@@ -89,7 +81,7 @@ def _fig6_helmholtz() -> Found:
     "one fall of v_b/β = 9.27",
     "within a ripple period of 15 samples; its height within 10 %, as the corner is rounded and ripples ride on it",
 )
-def _fig6_flyback() -> Found:
+def _fig6_flyback(_: Maps) -> Found:
     _, m = steady()
     ripple, height = m.parameters.bow_bridge, m.parameters.v_b / m.parameters.beta
     fall = m.bridge_force[:-ripple] - m.bridge_force[ripple:]
@@ -112,7 +104,7 @@ def ramp_slope(m: Motion) -> np.ndarray:
     "15 samples",
     "the ramp's slope is most like itself after 15 of 5 to 25 samples, and by a correlation of more than 0.5",
 )
-def _fig6_ripples() -> Found:
+def _fig6_ripples(_: Maps) -> Found:
     _, m = steady()
     slope = ramp_slope(m)
     lags = np.arange(5, 26)
@@ -129,7 +121,7 @@ def _fig6_ripples() -> Found:
     "v = v_b while sticking, v_c not",
     "v exact but for rounding, v_c by at least 1 % of the bow speed r.m.s.",
 )
-def _fig6_torsion() -> Found:
+def _fig6_torsion(_: Maps) -> Found:
     _, m = steady()
     stuck, v_b = ~m.slipping, m.parameters.v_b
     surface = float(np.abs(m.v[stuck] - v_b).max())
@@ -145,7 +137,7 @@ def _fig6_torsion() -> Found:
     "no exception",
     "exact: it is the rule; v_h must also have been between the limits",
 )
-def _fig7_rule() -> Found:
+def _fig7_rule(_: Maps) -> Found:
     m = motion()
     now, before, v_h = m.slipping[1:], m.slipping[:-1], m.v_h[1:]
     released, caught = now & ~before, ~now & before
@@ -166,7 +158,7 @@ def _fig7_rule() -> Found:
     "the first slip of the one during all of which the other sticks comes after a period and within the figure; "
     "correlation of v above 0.8 before it, and below 0.5 over as long after",
 )
-def _fig8_parting() -> Found:
+def _fig8_parting(_: Maps) -> Found:
     one, other = motion(), motion(OTHER_FORCE)
     at = parting(one.slipping, other.slipping)
     if at is None:
@@ -188,7 +180,7 @@ def _fig8_parting() -> Found:
     "another length",
     "the classifier's three tests pass at period 100 for both; the onsets of regular motion differ",
 )
-def _fig8_length() -> Found:
+def _fig8_length(_: Maps) -> Found:
     onsets = [regular_from(m.slipping, m.parameters.period) for m in (motion(), motion(OTHER_FORCE))]
     well = passed(5.5)[-1] and passed(OTHER_FORCE)[-1]
     words = f"one slip a period from sample {onsets[1]} on; {onsets[0]} for 5.5"
@@ -196,7 +188,7 @@ def _fig8_length() -> Found:
 
 
 @claim("fig8-onset", "the same, to the sample", "PHYSICS.md 8", "onset 2922", "exact, as for Fig 5")
-def _fig8_onset() -> Found:
+def _fig8_onset(_: Maps) -> Found:
     onset = regular_from(motion(OTHER_FORCE).slipping, motion().parameters.period)
     return Found(f"onset {onset}", onset == ONSETS[5.3], {"onset": onset})
 
@@ -208,7 +200,7 @@ def _fig8_onset() -> Found:
     "flattening by hysteresis",
     "reported: the trial saw it here, and elsewhere slip jumps lock to the sample grid",
 )
-def _flattening() -> Found:
+def _flattening(_: Maps) -> Found:
     forces = np.geomspace(4, 10, 60)
     *_, last = judgements(Parameters(model="stiff_cremer", v_mid=0.9), {"f_asym": forces})
     force, period = forces[last.passed], last.period[last.passed]
@@ -229,7 +221,7 @@ def _flattening() -> Found:
     "within a few periods",
     "reported: which decision it is depends on rounding alone; docs/calibration.md compares the maps",
 )
-def _float32() -> Found:
+def _float32(_: Maps) -> Found:
     force, ratio = (grid.ravel() for grid in np.meshgrid(np.geomspace(2, 10, 16), np.linspace(0.25, 2, 8)))
     lanes = {"f_asym": force, "f_init_ratio": ratio}
     p = Parameters(model="stiff_cremer", v_mid=0.2)

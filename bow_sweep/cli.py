@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.model import MODELS, ParameterError, Parameters
+from bow_sim.taps import embed_files
 
 from .plan import Sweep, presets
 
@@ -36,7 +37,7 @@ def _cores() -> int:
 
 
 def _add_sweep(commands: Any) -> None:
-    names = "\n".join(f"  {name:8} {title}" for name, title in presets().items())
+    names = "\n".join(f"  {name:16} {title}" for name, title in presets().items())
     parser = commands.add_parser(
         "sweep",
         help="run a sweep on this machine, recorded and classified",
@@ -67,7 +68,7 @@ def _add_sweep(commands: Any) -> None:
     parser.set_defaults(run=_sweep)
 
 
-_SET_HELP = "any setting of the sweep, repeatable; `bow settings` lists them all"
+_SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a reflection function of your own"
 _SHORT = {"model": "model", "v_mid": "v_mid", "nx": "x.count", "ny": "y.count", "periods": "periods"}
 
 
@@ -92,7 +93,8 @@ def _sweep(args: argparse.Namespace) -> int:
         else:
             from bow_sim.ros import random_id
 
-            sweep, identity = Sweep.from_spec(args.preset, short + args.settings), random_id()
+            settings = embed_files(short + args.settings)
+            sweep, identity = Sweep.from_spec(args.preset, settings), random_id()
             name = f"{args.preset or sweep.parameters.model}-{time.strftime('%Y%m%d-%H%M%S')}"
             directory = args.out or Path("runs") / name
             problem = _directory_problem(directory)
@@ -212,7 +214,7 @@ def _transient(args: argparse.Namespace) -> int:
     names = ("model", "v_mid", "f_asym", "f_init_ratio", "periods")
     short = [f"{name}={getattr(args, name)}" for name in names if getattr(args, name) is not None]
     try:
-        parameters = Parameters.from_settings(short + args.settings)
+        parameters = Parameters.from_settings(embed_files(short + args.settings))
     except ParameterError as error:
         return _fail(str(error))
     from bow_sim.kernel import transient

@@ -101,14 +101,13 @@ def _figure(args: argparse.Namespace) -> int:
 
 
 def _draw_maps(number: int, runs: list[Path], out: Path) -> None:
-    from .results import MAP
-    from .validate_maps import FIG10_PERIODS, LAYOUT, recognise
-    from .view.maps import MapFileError, draw_maps, draw_tests, read_map_npz
+    from .papermaps import FIG10_PERIODS, LAYOUT, read_map, recognise
+    from .view.maps import MapFileError, draw_maps, draw_tests
 
     if number == 10:
         if len(runs) != 1:
             raise MapFileError(f"figure 10: {len(runs)} runs given; should be one, of fig10 or fig11d")
-        draw_tests(read_map_npz(runs[0] / MAP if runs[0].is_dir() else runs[0]), out, FIG10_PERIODS)
+        draw_tests(read_map(runs[0]), out, FIG10_PERIODS)
         return
     if not runs:
         raise MapFileError("figure 11: no runs given; should be runs of fig11a ... fig11f")

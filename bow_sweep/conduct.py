@@ -42,6 +42,7 @@ class SupervisorNode(BowNode):
         self.progress: Progress | None = None
         self.failed = ""
         self.details: dict[str, str] = {}
+        self.complaints: dict[str, bool] = {}  # True = not yet said
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
         self.create_subscription(Health, "health", self._on_health, LATCHED)
         self.become(Health.READY)
@@ -58,6 +59,8 @@ class SupervisorNode(BowNode):
 
     def _on_health(self, message: Health) -> None:
         self.details[message.role] = message.detail
+        if message.detail.startswith("rejects blocks") and message.state != Health.STARTING:
+            self.complaints.setdefault(f"{message.node} {message.detail}", True)
         if message.state == Health.FAILED:
             self.failed = f"{message.role}: {message.detail}"
 
@@ -178,4 +181,7 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             supervisor.revive(death)
         if node.failed:
             raise GraphError(node.failed)
+        for complaint in [text for text, new in node.complaints.items() if new]:
+            node.complaints[complaint] = False
+            display.say(complaint)
         display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())

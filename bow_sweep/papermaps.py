@@ -82,7 +82,9 @@ def letter_of(plane: MapFile, where: str) -> str:
     """
     given = plane.values
     if (plane.x_name, plane.y_name) != ("f_asym", "f_init_ratio"):
-        raise MapFileError(f"{where}: its axes are {plane.x_name} and {plane.y_name}; should be f_asym and f_init_ratio")
+        raise MapFileError(
+            f"{where}: its axes are {plane.x_name} and {plane.y_name}; should be f_asym and f_init_ratio"
+        )
     ends = (plane.x[0], plane.x[-1], plane.y[0], plane.y[-1])
     if not np.allclose(ends, ENDS):
         spans = [f"{low:g} ... {high:g}" for low, high in (ends[:2], ends[2:], ENDS[:2], ENDS[2:])]

@@ -9,6 +9,7 @@ axes, ``block_cells``, and ``classifier.*`` for the thresholds of the verdicts.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -21,7 +22,7 @@ import yaml
 
 from bow_classifier.regime import Thresholds
 from bow_sim.kernel import source_hash
-from bow_sim.model import FLOATS, ParameterError, Parameters, parse_settings
+from bow_sim.model import SWEEPABLE, TYPES, ParameterError, Parameters, parse_settings
 from bow_sim.spec import split
 
 MAX_CELLS = 1 << 22
@@ -64,8 +65,8 @@ class Axis:
 
     def check(self, key: str) -> None:
         """Raise ParameterError, naming the key below `key`, where the axis makes no sense."""
-        if self.name not in FLOATS:
-            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {', '.join(sorted(FLOATS))}")
+        if self.name not in SWEEPABLE:
+            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {', '.join(sorted(SWEEPABLE))}")
         if self.scale not in ("log", "linear"):
             raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
         if not 1 <= self.count <= MAX_CELLS:
@@ -78,6 +79,11 @@ class Axis:
                 raise ParameterError(f"{key}.{name} = {value}: should be above 0 on a logarithmic axis")
         if self.count > 1 and self.first == self.last:
             raise ParameterError(f"{key}.last = {self.last}: {self.count} values need it to differ from {key}.first")
+        if TYPES[self.name] is int and (self.values() % 1).any():
+            raise ParameterError(
+                f"{key}.count = {self.count}: {self.name} takes whole numbers, and {self.first:g} ... {self.last:g} "
+                f"in so many {self.scale} steps are not; for instance {key}.scale=linear and one step each"
+            )
 
 
 AXIS_FIELDS = frozenset(part.name for part in fields(Axis))
@@ -107,8 +113,8 @@ class Sweep:
         ParameterError
             Naming the key, its value and what would be right.
         """
-        merged = _flatten(load_preset(preset)) if preset else {}
-        spec = split({**merged, **parse_settings(settings)})
+        given = parse_settings(settings)
+        spec = split({**(_flatten(load_preset(preset)) if preset else {}), **given})
         block_cells = cls.block_cells if spec.block_cells is None else _integer("block_cells", spec.block_cells)
         if not 1 <= block_cells <= MAX_BLOCK_CELLS:
             raise ParameterError(f"block_cells = {block_cells}: should be 1 ... {MAX_BLOCK_CELLS}")
@@ -119,17 +125,16 @@ class Sweep:
             raise ParameterError(f"x.count * y.count = {x.count * y.count} cells: should be at most {MAX_CELLS}")
         thresholds = Thresholds.from_mapping(spec.classifier)
         for axis, key in ((x, "x"), (y, "y")):
-            if axis.name in spec.plain:
-                value = spec.plain[axis.name]
+            if axis.name in given:
                 right = f"it is the {key} axis of the map; set {key}.first, {key}.last and {key}.count"
-                raise ParameterError(f"{axis.name} = {value!r}: {right}")
-        parameters = spec.parameters()
-        for axis, key in ((x, "x"), (y, "y")):
-            for end in ("first", "last"):
-                try:
-                    parameters.replace(**{axis.name: getattr(axis, end)})
-                except ParameterError as error:
-                    raise ParameterError(f"{key}.{end}: {error}") from None
+                raise ParameterError(f"{axis.name} = {given[axis.name]!r}: {right}")
+        common = {name: value for name, value in spec.plain.items() if name not in (x.name, y.name)}
+        parameters = replace(spec, plain=common).parameters()
+        for x_end, y_end in itertools.product(("first", "last"), repeat=2):  # what is right at the corners is within
+            try:
+                parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
+            except ParameterError as error:
+                raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
         return cls(parameters, x, y, block_cells, thresholds, preset)
 
     def settings(self) -> tuple[str, ...]:

@@ -126,6 +126,24 @@ def _plain(value: Any) -> Any:
     return value
 
 
+class Claims:
+    """The claims of a module, in the order of the table: `claim` makes one of a function that looks into it."""
+
+    def __init__(self) -> None:
+        self.all: list[Claim] = []
+
+    def claim(
+        self, key: str, words: str, where: str, expected: str, reason: str, needs: str = ""
+    ) -> Callable[[Callable[[Maps], Found]], Callable[[Maps], Found]]:
+        """Return a decorator; the texts are those of :class:`Claim`."""
+
+        def add(look: Callable[[Maps], Found]) -> Callable[[Maps], Found]:
+            self.all.append(Claim(key, words, where, expected, reason, needs, look))
+            return look
+
+        return add
+
+
 @dataclass(frozen=True)
 class Report:
     """All rows, and the runs whose maps were judged: (directory, what it is a map of)."""
@@ -198,7 +216,7 @@ def validate(runs: Sequence[Path] = (), progress: Callable[[float, float], None]
     from . import claims_maps, claims_modes, claims_motion
 
     found = recognise(runs)
-    claims = (*claims_modes.CLAIMS, *claims_motion.CLAIMS, *claims_maps.CLAIMS)
+    claims = [claim for part in (claims_modes, claims_motion, claims_maps) for claim in part.CLAIMS.all]
     rows = []
     for done, claim in enumerate(claims):
         if progress:

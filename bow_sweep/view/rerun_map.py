@@ -237,12 +237,13 @@ class Board:
         trace = self.scope.trace(self.snapshot, cell, pieces[-1][1])
         if cell not in self._marked:
             self._marked.add(cell)
+            self._now(among_samples=True)
             log(path, rr.SeriesLines(names=trace.label, colors=trace.colour, widths=1.0), static=True)
             thick = rr.Radius.ui_points(1.0)
             frame = rr.LineStrips2D([trace.frame], colors=trace.colour, radii=thick, draw_order=ABOVE + 1)
-            log(f"map/inspected/{trace.name}/frame", frame, static=True)
-            log(f"map/inspected/{trace.name}/number", _words([trace.place], [str(trace.number)]), static=True)
-            log(f"scope/{trace.name}/caption", _words([trace.corner], [trace.caption]), static=True)
+            log(f"map/inspected/{trace.name}/frame", frame)
+            log(f"map/inspected/{trace.name}/number", _words([trace.place], [str(trace.number)]))
+            log(f"scope/{trace.name}/caption", _words([trace.corner], [trace.caption]))
         samples, values = [], []
         for first, force in pieces:
             if not self.scope.continues(cell, first, len(force)):  # a gap, rather than a line across what is missing
