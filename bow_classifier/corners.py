@@ -18,6 +18,7 @@ from bow_sim import simd
 from bow_sim.simd import LANES, absolute
 
 from .slips import NEIGHBOURS
+from .sources import VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
 bits_of: Any = simd.bits_of
@@ -44,7 +45,7 @@ class Corners(NamedTuple):
     sure: NDArray[np.float64]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _onsets(now, before, level):
     """Return, as a byte, where eight samples of y begin to exceed the level, with either sign.
 
@@ -53,32 +54,41 @@ def _onsets(now, before, level):
     return bits_of(((now > level) & (before <= level)) | ((now < -level) & (before >= -level)))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _corners(record, start, delay, level, factors, number, sure):
-    end = record.shape[1]
-    levels = np.empty(factors.shape[0], np.float32)
-    tally = np.empty(factors.shape[0], np.int64)
-    for i in range(record.shape[0]):
-        levels[:] = factors * level[i]
-        lowest = levels.min()
-        tally[:] = 0
-        row = i * end
-        for group in range(start, end, LANES):
-            first = min(group, end - LANES)  # the last group goes back over samples that are already counted
-            at = row + first
-            now = load(record, at) - load(record, at - delay)
-            if bits_of(absolute(now) > lowest):  # most groups lie below every level: no onset there
-                before = load(record, at - 1) - load(record, at - 1 - delay)
-                for k in range(levels.shape[0]):
-                    tally[k] += _ONES[_onsets(now, before, levels[k]) >> (group - first)]
-        number[i] = tally[0]
-        same = 0
-        for k in range(1, tally.shape[0]):
-            same += int(tally[k] == tally[0])
-        sure[i] = same / (tally.shape[0] - 1)
+def build(version: int) -> Any:
+    """Make the compiled test, to be cached as this version; see `bow_classifier.sources`."""
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def count(record, start, delay, level, factors, number, sure):
+        end = record.shape[1]
+        levels = np.empty(factors.shape[0], np.float32)
+        tally = np.empty(factors.shape[0], np.int64)
+        for i in range(record.shape[0]):
+            levels[:] = factors * level[i]
+            lowest = levels.min()
+            tally[:] = 0
+            row, back = i * end, delay[i]
+            for group in range(start, end, LANES):
+                first = min(group, end - LANES)  # the last group goes back over samples that are already counted
+                at = row + first
+                now = load(record, at) - load(record, at - back)
+                if bits_of(absolute(now) > lowest):  # most groups lie below every level: no onset there
+                    before = load(record, at - 1) - load(record, at - 1 - back)
+                    for k in range(levels.shape[0]):
+                        tally[k] += _ONES[_onsets(now, before, levels[k]) >> (group - first)]
+            number[i] = tally[0]
+            same = 0
+            for k in range(1, tally.shape[0]):
+                same += int(tally[k] == tally[0])
+            sure[i] = same / (tally.shape[0] - 1)
+        return version
+
+    return count
 
 
-def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[np.float64]) -> Corners:
+_corners = build(VERSION)
+
+
+def corners(record: NDArray[np.float32], start: int, delay: NDArray[np.int64], level: NDArray[np.float64]) -> Corners:
     """Return how many corners pass in the window, for every cell.
 
     Parameters
@@ -87,9 +97,9 @@ def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[
         (cells, start + samples) bridge force; the window is ``record[:, start:]``, what precedes it came before
         (0 before t = 0). The window has at least 8 samples.
     start
-        Samples before the window, at least `delay` + 1: the sample before the window tells what is no onset.
+        Samples before the window, more than the longest delay: the sample before the window tells what is no onset.
     delay
-        Ripple period in samples: round trip bow-bridge-bow.
+        (cells,) ripple period in samples: round trip bow-bridge-bow.
     level
         (cells,) threshold of |y|, in units of the bridge force.
 
@@ -98,11 +108,13 @@ def corners(record: NDArray[np.float32], start: int, delay: int, level: NDArray[
     ValueError
         Where the record does not reach far enough back, or the window is too short.
     """
-    if not 0 < delay < start <= record.shape[1] - LANES:
-        raise ValueError(
-            f"record {record.shape}, window from {start}: needs more than {delay} samples before it and {LANES} in it"
-        )
     cells = record.shape[0]
+    least, most = (int(delay.min()), int(delay.max())) if cells else (1, 1)
+    if not 0 < least <= most < start <= record.shape[1] - LANES:
+        raise ValueError(
+            f"record {record.shape}, window from {start}, delays {least} ... {most}: delays should be above 0, and the "
+            f"window should hold at least {LANES} samples and have more than {most} before it"
+        )
     result = Corners(np.empty(cells, np.uint16), np.empty(cells))
     _corners(np.ascontiguousarray(record), start, delay, level, _FACTORS, *result)
     return result

@@ -30,6 +30,7 @@ class Geometry:
         Nominal period N, samples.
     bow_bridge
         Round trip bow-bridge-bow, samples: one period of the Schelleng ripples. ``beta = bow_bridge / period``.
+        Cells may have their own instead.
     samples
         Of a chunk: whole periods.
     """
@@ -91,17 +92,32 @@ class BlockJudge:
         Number of cells.
     bow_speed
         Final bow speed v_b, one or (cells,).
+    bow_bridge
+        Round trip bow-bridge-bow, samples, one or (cells,); None = that of the geometry.
+
+    Raises
+    ------
+    ValueError
+        For a round trip that is no whole number of samples, or not shorter than the period.
     """
 
-    def __init__(self, geometry: Geometry, thresholds: Thresholds, cells: int, bow_speed: ArrayLike = 1.0) -> None:
+    def __init__(
+        self,
+        geometry: Geometry,
+        thresholds: Thresholds,
+        cells: int,
+        bow_speed: ArrayLike = 1.0,
+        bow_bridge: ArrayLike | None = None,
+    ) -> None:
         self._geometry, self._thresholds = geometry, thresholds
         v_b = np.broadcast_to(np.asarray(bow_speed, dtype=np.float64), (cells,))
-        self._height = v_b * geometry.period / geometry.bow_bridge  # v_b/beta: the flyback of Helmholtz motion
+        self._delay = _delays(geometry, cells, bow_bridge)
+        self._height = v_b * geometry.period / self._delay  # v_b/beta: the flyback of Helmholtz motion
         self._corner = thresholds.corner * self._height
         self._slip = thresholds.slip * v_b * geometry.period
-        self._gap = thresholds.cluster * geometry.bow_bridge
+        self._gap = (thresholds.cluster * self._delay).astype(np.float64)
         self._lags = thresholds.lags(geometry.period)
-        self._start = max(self._lags[1], geometry.bow_bridge) + 1
+        self._start = self._lags[1] + 1  # the longest lag is longer than the period, so than any ripple period
         self._record = np.zeros((cells, self._start + geometry.samples), np.float32)
         self._unfinished = Unfinished.none(cells)
 
@@ -128,7 +144,7 @@ class BlockJudge:
         record[:, :start] = record[:, -start:]
         record[:, start:] = bridge_force
         periodic = periodicity(record, start, self._geometry.period, self._lags)
-        turned = corners(record, start, self._geometry.bow_bridge, self._corner)
+        turned = corners(record, start, self._delay, self._corner)
         regime, confidence = decide(
             periodic.correlation,
             periodic.period,
@@ -141,3 +157,16 @@ class BlockJudge:
             self._thresholds,
         )
         return Judgement(periodic.correlation, periodic.period, slipped.number, turned.number, regime, confidence)
+
+
+def _delays(geometry: Geometry, cells: int, bow_bridge: ArrayLike | None) -> NDArray[np.int64]:
+    """Return the ripple period of every cell, (cells,), samples."""
+    given = np.asarray(geometry.bow_bridge if bow_bridge is None else bow_bridge, dtype=np.float64)
+    delays: NDArray[np.int64] = np.empty(cells, np.int64)
+    right = (given > 0) & (given < geometry.period) & (given == np.floor(given))
+    if not right.all():
+        raise ValueError(
+            f"bow_bridge {given[~right][0]}: should be a whole number of samples above 0 and below {geometry.period}"
+        )
+    delays[:] = given
+    return delays

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from bow_sim import simd
 from bow_sim.simd import LANES, choose, root
 
+from .sources import VERSION
+
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
 spread: Any = simd.spread
 store: Any = simd.store
@@ -42,7 +44,7 @@ class Periodicity(NamedTuple):
     deviation: NDArray[np.float64]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _moments(x, begin, n):
     """Return the sums of x and of x squared over n samples."""
     s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0  # four sums at once: one alone would wait for each addition
@@ -58,7 +60,7 @@ def _moments(x, begin, n):
     return (s0 + s2) + (s1 + s3), (q0 + q2) + (q1 + q3)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time."""
     for i in range(0, products.shape[0], LANES):
@@ -74,7 +76,7 @@ def _products(x, begin, n, lag, products):
         store(products, i, (a + c) + (b + d))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _slide(x, begin, n, first, last, total, square, totals, squares):
     """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
 
@@ -93,7 +95,7 @@ def _slide(x, begin, n, first, last, total, square, totals, squares):
         totals[last - lag], squares[last - lag] = total, square
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
     """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
     for i in range(0, r.shape[0], LANES):
@@ -104,7 +106,7 @@ def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth
         store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _correlations(x, start, windows, n, first, last, sums, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
@@ -133,7 +135,7 @@ def _correlations(x, start, windows, n, first, last, sums, r):
     return sum_total, sum_square
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = np.nan, np.nan
@@ -150,25 +152,34 @@ def _best_maximum(r):
     return min(height, 1.0), place  # a parabola may rise above what a correlation can be
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _periodicity(record, start, period, first, last, correlation, place, deviation):
-    samples = record.shape[1] - start
-    before = last + 1  # the sums slide one sample beyond the last lag
-    lags = last - first + 1
-    width = -(-lags // LANES) * LANES
-    r = np.empty(width)
-    sums = np.zeros(width), np.zeros(width), np.zeros(width)
-    x = np.zeros(before + samples + width)
-    for i in range(record.shape[0]):
-        level = np.float64(record[i, start])  # near the mean: the sums then cancel less
-        row = record[i, start - before :]
-        for t in range(row.shape[0]):
-            x[t] = np.float64(row[t]) - level
-        total, square = _correlations(x, before, samples // period, period, first, last, sums, r)
-        height, at = _best_maximum(r[:lags])
-        correlation[i] = height
-        place[i] = last - at
-        deviation[i] = np.sqrt(max(0.0, square - total * total / samples) / samples)
+def build(version: int) -> Any:
+    """Make the compiled test, to be cached as this version; see `bow_classifier.sources`."""
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def test(record, start, period, first, last, correlation, place, deviation):
+        samples = record.shape[1] - start
+        before = last + 1  # the sums slide one sample beyond the last lag
+        lags = last - first + 1
+        width = -(-lags // LANES) * LANES
+        r = np.empty(width)
+        sums = np.zeros(width), np.zeros(width), np.zeros(width)
+        x = np.zeros(before + samples + width)
+        for i in range(record.shape[0]):
+            level = np.float64(record[i, start])  # near the mean: the sums then cancel less
+            row = record[i, start - before :]
+            for t in range(row.shape[0]):
+                x[t] = np.float64(row[t]) - level
+            total, square = _correlations(x, before, samples // period, period, first, last, sums, r)
+            height, at = _best_maximum(r[:lags])
+            correlation[i] = height
+            place[i] = last - at
+            deviation[i] = np.sqrt(max(0.0, square - total * total / samples) / samples)
+        return version
+
+    return test
+
+
+_periodicity = build(VERSION)
 
 
 def periodicity(record: NDArray[np.float32], start: int, period: int, lags: tuple[int, int]) -> Periodicity:

@@ -14,7 +14,6 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,8 +22,7 @@ from numpy.typing import NDArray
 
 from bow_sim.model import CHUNK_PERIODS, ParameterError, Range
 
-SOURCES = ("corners", "judge", "periodicity", "regime", "slips")
-"""Modules that decide a verdict: their text is part of the hash of the classifier's parameters."""
+from .sources import source_hash
 
 REGIMES = ("no_oscillation", "helmholtz", "multiple_slip", "multiple_flyback", "other_periodic", "aperiodic")
 """Names of the codes in ``Verdicts.regime``. Codes are in bags: append, never renumber. 255 is kept for "pending"."""
@@ -166,15 +164,6 @@ THRESHOLD_PRESETS: dict[str, Thresholds] = {"trial": Thresholds()}
 """Named sets of thresholds, chosen by ``classifier.preset``: *trial* is that of the trial implementation."""
 
 
-@functools.cache
-def source_hash() -> str:
-    """Return the hash of the sources that decide a verdict, 16 hexadecimal digits."""
-    digest = hashlib.sha256()
-    for name in SOURCES:
-        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
-    return digest.hexdigest()[:16]
-
-
 class Decision(NamedTuple):
     """The verdicts on the cells of a block: `regime` (cells,) uint8 codes, `confidence` (cells,) float32, 0 ... 1."""
 
@@ -183,10 +172,10 @@ class Decision(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _regime(correlation, period, slips, clusters, corners, loudness, window, least, silence):
+def _regime(correlation, period, slips, clusters, corners, loudness, periods, window, least, silence):
     """Return the code of one cell; the rule of section III.B, and what it is called where it fails."""
     periodic = correlation > least  # NaN, no interior maximum, is no period either
-    if periodic and slips == CHUNK_PERIODS and corners == CHUNK_PERIODS:
+    if periodic and slips == periods and corners == periods:
         return HELMHOLTZ
     if loudness < silence:
         return NO_OSCILLATION
@@ -215,10 +204,12 @@ def _confidence(regime, correlation, loudness, sure, least, silence):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _decide(correlation, period, slips, clusters, corners, loudness, sure, window, least, silence, regime, confidence):
+def _decide(
+    correlation, period, slips, clusters, corners, loudness, sure, periods, window, least, silence, regime, confidence
+):
     for i in range(correlation.shape[0]):
         regime[i] = _regime(
-            correlation[i], period[i], slips[i], clusters[i], corners[i], loudness[i], window, least, silence
+            correlation[i], period[i], slips[i], clusters[i], corners[i], loudness[i], periods, window, least, silence
         )
         confidence[i] = _confidence(regime[i], correlation[i], loudness[i], sure[i], least, silence)
 
@@ -266,6 +257,7 @@ def decide(
         corners,
         loudness,
         sure,
+        CHUNK_PERIODS,
         window,
         thresholds.correlation,
         thresholds.silence,

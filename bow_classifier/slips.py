@@ -125,7 +125,7 @@ def _slips(
         apart = 0
         if goes_on and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
             if _end(total, level[i], factors, tally):
-                apart += int(start - last > gap)
+                apart += int(start - last > gap[i])
                 last = 0
             goes_on = False
         for k in range(begin, end):
@@ -136,7 +136,7 @@ def _slips(
             stop = onset[k] + duration[k]
             goes_on = stop == samples
             if not goes_on and _end(total, level[i], factors, tally):
-                apart += int(start - last > gap)
+                apart += int(start - last > gap[i])
                 last = stop
         slipping[i] = goes_on
         unfinished[i] = total if goes_on else 0.0
@@ -151,7 +151,7 @@ def _slips(
 
 
 def slips(
-    intervals: Intervals, samples: int, level: NDArray[np.float64], gap: float, before: Unfinished
+    intervals: Intervals, samples: int, level: NDArray[np.float64], gap: NDArray[np.float64], before: Unfinished
 ) -> tuple[Slips, Unfinished]:
     """Return the significant slips that end in a chunk, for every cell, and what it leaves.
 
@@ -164,7 +164,7 @@ def slips(
     level
         (cells,) threshold of the integrated slip, in samples times bow speed.
     gap
-        Samples: two significant slips with a longer stick between them belong to different clusters.
+        (cells,) samples: two significant slips with a longer stick between them belong to different clusters.
     before
         What the chunk before left.
 

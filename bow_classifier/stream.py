@@ -177,8 +177,8 @@ class Classifier:
 
     def _new_block(self, cells: np.ndarray) -> _Block:
         assert self.task is not None
-        speed = self.task.bow_speed(cells)
-        return _Block(BlockJudge(self.task.geometry, self.task.thresholds, len(cells), speed))
+        speed, bridge = self.task.bow_speed(cells), self.task.bow_bridge(cells)
+        return _Block(BlockJudge(self.task.geometry, self.task.thresholds, len(cells), speed, bridge))
 
     def _check(self, name: str, data: wire.Buffer) -> tuple[dict[str, Any], np.ndarray]:
         """Return the fields of a message of this sweep, and the cells of its block.

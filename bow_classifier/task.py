@@ -1,19 +1,20 @@
 """What the classifier must know of a sweep to judge it: read from the settings that the plan announces.
 
-The plan itself is downstream (:mod:`bow_sweep.plan`); here is only which cells are in which block, how fast each is
-bowed, and what is asked of them.
+The plan itself is downstream (:mod:`bow_sweep.plan`); here is only which cells are in which block, how fast and where
+each is bowed, and what is asked of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim.model import ParameterError
-from bow_sim.spec import Spec, split
+from bow_sim.model import ParameterError, Parameters
+from bow_sim.spec import Spec, axis_values, split
 
 from .judge import Geometry
 from .regime import Thresholds
@@ -28,11 +29,13 @@ class Task:
     run_id, sweep_id
         Which messages belong to it.
     geometry
-        Of the string: the same for all cells.
+        Of the string: the same for all cells, but for the bow's position.
     thresholds
         Of the tests.
     bow_speeds
         (cells of the sweep,) final bow speed v_b of every cell, or (1,) where it is not swept.
+    bow_bridges
+        (cells of the sweep,) round trip bow-bridge-bow of every cell, samples, or (1,) where it is not swept.
     cells, block_cells, chunks
         Cells of the sweep; cells of a block (the last may have fewer); chunks of every block.
     """
@@ -42,6 +45,7 @@ class Task:
     geometry: Geometry
     thresholds: Thresholds
     bow_speeds: NDArray[np.float64]
+    bow_bridges: NDArray[np.int64]
     cells: int
     block_cells: int
     chunks: int
@@ -53,7 +57,7 @@ class Task:
         Raises
         ------
         ParameterError
-            For settings that are not those of a resolved sweep, or that make cells of a block differ in geometry.
+            For settings that are not those of a resolved sweep, or that make cells of a block differ in length.
         """
         spec = split(settings)
         parameters = spec.parameters()
@@ -64,14 +68,15 @@ class Task:
                 raise ParameterError(f"{name} = {number}: should be 1 or more")
         for axis in ("x", "y"):
             name = getattr(spec, axis).get("name")
-            if name in ("period", "bow_bridge", "periods"):
+            if name in ("period", "periods"):
                 raise ParameterError(f"{axis}.name = {name!r}: cells of one sweep must share it")
         return cls(
             run_id,
             sweep_id,
             Geometry.of(parameters),
             Thresholds.from_mapping(spec.classifier),
-            _bow_speeds(spec, counts, parameters.v_b),
+            _swept(spec, counts, "v_b", parameters.v_b),
+            _bow_bridges(spec, counts, parameters),
             counts[0] * counts[1],
             block_cells,
             parameters.chunks,
@@ -91,16 +96,41 @@ class Task:
         """Return the final bow speed of `cells`, (cells,) or (1,)."""
         return self.bow_speeds if len(self.bow_speeds) == 1 else self.bow_speeds[cells]
 
+    def bow_bridge(self, cells: NDArray[np.uint32]) -> NDArray[np.int64]:
+        """Return the round trip bow-bridge-bow of `cells`, samples, (cells,) or (1,)."""
+        return self.bow_bridges if len(self.bow_bridges) == 1 else self.bow_bridges[cells]
 
-def _bow_speeds(spec: Spec, counts: tuple[int, int], common: float) -> NDArray[np.float64]:
-    """Return the final bow speed of every cell where it is an axis of the map, else the common one, (1,)."""
+
+def _swept(spec: Spec, counts: tuple[int, int], name: str, common: float) -> NDArray[np.float64]:
+    """Return the parameter of every cell where it is an axis of the map, else the common one, (1,)."""
     for axis, group in enumerate((spec.x, spec.y)):
-        if group.get("name") == "v_b":
-            try:
-                first, last = float(str(group["first"])), float(str(group["last"]))
-            except (KeyError, ValueError) as error:
-                raise ParameterError(f"axis of v_b: first and last should be numbers ({error})") from None
-            space = np.geomspace if group.get("scale") == "log" else np.linspace
-            speeds = space(first, last, counts[axis])
-            return np.tile(speeds, counts[1]) if axis == 0 else np.repeat(speeds, counts[0])
-    return np.array([common])
+        if group.get("name") == name:
+            values = _values(group, counts[axis])
+            return np.tile(values, counts[1]) if axis == 0 else np.repeat(values, counts[0])
+    return np.array([common], dtype=np.float64)
+
+
+def _values(group: Mapping[str, object], count: int) -> NDArray[np.float64]:
+    """Return the values along an axis, (count,)."""
+    where, scale = f"axis of {group['name']}", group.get("scale")
+    try:
+        first, last = float(str(group["first"])), float(str(group["last"]))
+    except (KeyError, ValueError) as error:
+        raise ParameterError(f"{where}: first and last should be numbers ({error})") from None
+    if scale not in ("log", "linear"):
+        raise ParameterError(f"{where}: scale = {scale!r}: should be 'log' or 'linear'")
+    for value in (first, last):
+        if not math.isfinite(value) or (scale == "log" and value <= 0):
+            right = "a number above 0" if scale == "log" else "a finite number"
+            raise ParameterError(f"{where}: {value!r}: should be {right} on a {scale} axis")
+    return axis_values(str(scale), first, last, count)
+
+
+def _bow_bridges(spec: Spec, counts: tuple[int, int], parameters: Parameters) -> NDArray[np.int64]:
+    bridges = _swept(spec, counts, "bow_bridge", parameters.bow_bridge)
+    for value in np.unique(bridges).tolist():
+        try:
+            parameters.replace(bow_bridge=value)
+        except ParameterError as error:
+            raise ParameterError(f"axis of bow_bridge: {error}") from None
+    return bridges.astype(np.int64)

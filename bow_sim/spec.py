@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .model import ParameterError, Parameters, parse_settings
 
 GROUPS = ("x", "y", "classifier")
@@ -64,3 +67,23 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
         else:
             plain[key] = value
     return Spec(plain=plain, block_cells=plain.pop("block_cells", None), **groups)
+
+
+def axis_values(scale: str, first: float, last: float, count: int) -> NDArray[np.float64]:
+    """Return the values along an axis of a map, shape (count,), both ends exact.
+
+    Parameters
+    ----------
+    scale
+        "log" or "linear".
+    first, last
+        Both included; finite, and above 0 on a logarithmic axis.
+    count
+        Number of values, 1 or more.
+    """
+    space = np.geomspace if scale == "log" else np.linspace
+    values: NDArray[np.float64] = space(first, last, count)
+    values[0] = first
+    if count > 1:
+        values[-1] = last
+    return values

@@ -155,8 +155,8 @@ def _cut(maps: Maps, delta: str, stiff: str) -> Found:
     "(c) the region of (d) cut up by black streaks that are multiple flyback; delta and stiff",
     "Fig 11(c, d), IV.A",
     "a great deal of this region is black",
-    "at most 3/4 as much colour as in (d) over the same forces; multiple flyback at its last test on at least a tenth of "
-    "the plane and ten times as much as in (d)",
+    "at most 3/4 as much colour as in (d) over the same forces; multiple flyback at its last test on at least a "
+    "tenth of the plane and ten times as much as in (d)",
     "cd",
 )
 def _cut_c(maps: Maps) -> Found:
@@ -168,8 +168,7 @@ def _cut_c(maps: Maps) -> Found:
     "(c) Helmholtz motion is confined within the region of (d)",
     "Fig 11(c, d), IV.A",
     "the same general region",
-    "reported: the surrogate for Cremer's bridge lets (c) play beyond (d)'s limit, where the paper's (c) is not printed "
-    "well enough to tell",
+    "reported: the paper gives no number; with our surrogate for Cremer's bridge (c) goes on beyond (d)'s limit",
     "cd",
 )
 def _region_c(maps: Maps) -> Found:
@@ -197,8 +196,8 @@ def _cut_e(maps: Maps) -> Found:
     "the streaks of (c) and (e) curve as contours of initial force do",
     "Figs 11(c, e), 12, IV.B",
     "very reminiscent of Fig 12",
-    "at f_asym 1 ... 10 the lines f_asym (f_init/f_asym)^p = const that explain black and colour best have p > 0 (Fig 12: "
-    "1, vertical: 0), and 1.5 times as well as their mirror images, which a pattern without lean would not tell apart",
+    "at f_asym 1 ... 10 the lines f_asym (f_init/f_asym)^p = const that explain black and colour best have p > 0 "
+    "(Fig 12: 1, vertical: 0), and 1.5 times as well as their mirror images: a pattern that does not lean has 1",
     "ce",
 )
 def _curved(maps: Maps) -> Found:
@@ -247,7 +246,8 @@ def _docile(maps: Maps) -> Found:
 def _limit_f(maps: Maps) -> Found:
     limit = {k: force_limit(maps[k]) for k in "df"}
     fuzz = [force_limit(maps["f"], share) for share in (0.9, 0.1)]
-    words = f"{limit['f']:.1f} in (f), {limit['d']:.1f} in (d); (f) falls from 90 to 10 % over {fuzz[0]:.1f} ... {fuzz[1]:.1f}"
+    words = f"{limit['f']:.1f} in (f), {limit['d']:.1f} in (d); (f) falls from 90 to 10 % over "
+    words += " ... ".join(f"{force:.1f}" for force in fuzz)
     return Found(words, limit["f"] <= 0.9 * limit["d"], {"limit": limit, "fuzz": fuzz})
 
 

@@ -52,7 +52,7 @@ def _furthest(values: np.ndarray, target: object) -> float:
     "25, 43, 45, 45, 40, 37, 33, 29",
     "within 12 %: whole numbers read off the discrete model; for mode 1 its Gaussian has 27.5 in theory, not 25",
 )
-def _torsional_q(_: Maps) -> Found:
+def _torsional_q(_maps: Maps) -> Found:
     q = torsional_modes(models()[0]).q
     worst = _furthest(q, TORSIONAL_Q)
     return Found(f"{listed(q)}: within {100 * worst:.1f} %", worst <= 0.12, {"q": q})
@@ -65,7 +65,7 @@ def _torsional_q(_: Maps) -> Found:
     "27.5, 42.2, 45.7, 43.8, 40.2, 36.4, 32.9, 29.9",
     "within 2 %: the taps sample the Gaussian, and cut it off",
 )
-def _torsional_q_theory(_: Maps) -> Found:
+def _torsional_q_theory(_maps: Maps) -> Found:
     found = torsional_modes(models()[0])
     worst = _furthest(found.q, GAUSSIAN_Q)
     theory = gaussian_q(found.number, models()[0])
@@ -79,7 +79,7 @@ def _torsional_q_theory(_: Maps) -> Found:
     "n × 1056 Hz",
     "within 0.5 %, for “quite accurate harmonics”",
 )
-def _torsional_frequency(_: Maps) -> Found:
+def _torsional_frequency(_maps: Maps) -> Found:
     found = torsional_modes(models()[0])
     ratio = found.frequency / found.number
     worst = _furthest(ratio, TORSIONAL_HZ)
@@ -94,7 +94,7 @@ def _torsional_frequency(_: Maps) -> Found:
     "much",
     "at least 3 times, for “much”, in either model and in each of the first 8 modes",
 )
-def _torsional_damping(_: Maps) -> Found:
+def _torsional_damping(_maps: Maps) -> Found:
     delta, stiff = transverse()
     ratio = np.minimum(delta.q[:8], stiff.q[:8]) / torsional_modes(models()[0]).q
     return Found(f"at least {ratio.min():.1f} times, mode by mode", bool(ratio.min() >= 3), {"ratio": ratio})
@@ -107,7 +107,7 @@ def _torsional_damping(_: Maps) -> Found:
     "within 0.33 %",
     "0.33 % over 30 modes: the bridge's tail adds 0.48 sample of 139 at low frequency and none at high (PHYSICS.md 3)",
 )
-def _fig3_delta(_: Maps) -> Found:
+def _fig3_delta(_maps: Maps) -> Found:
     delta, _ = transverse()
     ratio = delta.frequency / delta.number
     spread = float(np.ptp(ratio) / ratio.mean())
@@ -128,7 +128,7 @@ def sharpening() -> tuple[np.ndarray, np.ndarray]:
     "approximately quadratic",
     "exponent 2 ± 0.1, by a straight line through modes 5 to 30 in logarithms; below, filter and bridge weigh as much",
 )
-def _fig3_stiff(_: Maps) -> Found:
+def _fig3_stiff(_maps: Maps) -> Found:
     n, excess = sharpening()
     power = float(np.polyfit(np.log(n[4:]), np.log(excess[4:]), 1)[0])
     return Found(f"as n to the {power:.2f}", abs(power - 2) <= 0.1, {"excess": excess, "power": power})
@@ -141,7 +141,7 @@ def _fig3_stiff(_: Maps) -> Found:
     "1.99 % at n = 30",
     "within 2 % of it: mode 30 is sharper than 30 × 440 Hz, where the formula is taken",
 )
-def _fig3_size(_: Maps) -> Found:
+def _fig3_size(_maps: Maps) -> Found:
     n, excess = sharpening()
     p = models()[1]
     whole = (1 - p.beta) * (np.sqrt(1 + p.stiffness_b * n[-1] ** 2) - 1)
@@ -156,7 +156,7 @@ def _fig3_size(_: Maps) -> Found:
     "617, 288, 333, 510",
     "as printed, to the nearest whole number",
 )
-def _fig4_values(_: Maps) -> Found:
+def _fig4_values(_maps: Maps) -> Found:
     delta, _ = transverse()
     q = [float(delta.q[n - 1]) for n in DISCRETE_Q]
     close = all(abs(ours - theirs) <= 0.5 for ours, theirs in zip(q, DISCRETE_Q.values(), strict=True))
@@ -170,7 +170,7 @@ def _fig4_values(_: Maps) -> Found:
     "right order of magnitude",
     "medians of 30 modes within a factor of 3, half an order of magnitude",
 )
-def _fig4_order(_: Maps) -> Found:
+def _fig4_order(_maps: Maps) -> Found:
     medians = [float(np.median(m.q)) for m in transverse()]
     words = f"medians {medians[0]:.0f} (delta) and {medians[1]:.0f} (stiff)"
     return Found(words, 1 / 3 <= medians[0] / medians[1] <= 3, {"medians": medians})
@@ -183,7 +183,7 @@ def _fig4_order(_: Maps) -> Found:
     "equal",
     "within 2 % for modes 1 to 5: the anti-alias filter is to leave them alone",
 )
-def _fig4_low(_: Maps) -> Found:
+def _fig4_low(_maps: Maps) -> Found:
     delta, stiff = transverse()
     worst = _furthest(stiff.q[:5], delta.q[:5])
     return Found(f"within {100 * worst:.1f} % for modes 1 to 5", worst <= 0.02, {"greatest": worst})
@@ -196,7 +196,7 @@ def _fig4_low(_: Maps) -> Found:
     "lower",
     "by more than a tenth at mode 15, and from there the more the higher",
 )
-def _fig4_high(_: Maps) -> Found:
+def _fig4_high(_maps: Maps) -> Found:
     delta, stiff = transverse()
     ratio = stiff.q[14:] / delta.q[14:]
     words = f"{ratio[0]:.2f} times at mode 15, {ratio[-1]:.2f} times at mode 30"
@@ -210,7 +210,7 @@ def _fig4_high(_: Maps) -> Found:
     "approximately 12 (formula: 11.46)",
     "within 0.1 % of the formula's four digits, and 5 % of “approximately 12”",
 )
-def _schelleng(_: Maps) -> Found:
+def _schelleng(_maps: Maps) -> Found:
     p = Parameters()
     force = p.v_b / (ends(p).y * p.beta * (p.mu_s - p.mu_d))
     close = abs(force / SCHELLENG_EXACT - 1) <= 0.001 and abs(force / SCHELLENG - 1) <= 0.05
@@ -224,7 +224,7 @@ def _schelleng(_: Maps) -> Found:
     "0.80 and 0.55",
     "exact but for rounding",
 )
-def _fig9_midway(_: Maps) -> Found:
+def _fig9_midway(_maps: Maps) -> Found:
     p = Parameters()
     slip = np.array([[0.0, p.v_b - v_mid] for v_mid in AMBIGUOUS])
     mu = np.array([sliding_coefficient(s, p.mu_s, p.mu_d, s[1]) for s in slip])
@@ -239,7 +239,7 @@ def _fig9_midway(_: Maps) -> Found:
     "3.71, 0.99, 0.124",
     "to half a unit of the last digit printed",
 )
-def _fig9_hysteresis(_: Maps) -> Found:
+def _fig9_hysteresis(_maps: Maps) -> Found:
     p = Parameters()
     force = [ambiguous_force(ends(p).y, p.mu_s, p.mu_d, p.v_b - v_mid) for v_mid in AMBIGUOUS]
     close = np.abs(np.array(force) - list(AMBIGUOUS.values())) <= (0.005, 0.005, 0.0005)

@@ -93,17 +93,15 @@ def letter_of(plane: MapFile, where: str) -> str:
         if name in given and name not in (*CALIBRATION, "model", "v_mid") and given[name] != str(entry.default):
             raise MapFileError(f"{where}: {name} = {given[name]}; should be {entry.default}, as in the paper's maps")
     mine = (given.get("model", ""), given.get("v_mid", ""))
-    for letter, (model, v_mid) in LAYOUT.items():
-        if mine == (model, str(v_mid)):
-            break
-    else:
+    letters = [letter for letter, (model, v_mid) in LAYOUT.items() if mine == (model, str(v_mid))]
+    if not letters:
         raise MapFileError(
-            f"{where}: model = {mine[0]}, v_mid = {mine[1]}; should be delta_cremer or stiff_cremer with 0.9, 0.2 or -2.0"
+            f"{where}: model = {mine[0]}, v_mid = {mine[1]}; should be delta_cremer or stiff_cremer at 0.9, 0.2 or -2.0"
         )
     missing = int(np.isnan(plane.transient_periods).sum())
     if missing:
         raise MapFileError(f"{where}: {missing} cells are not computed; should be none, see bow sweep --resume")
-    return letter
+    return letters[0]
 
 
 def other_settings(plane: MapFile) -> list[str]:
