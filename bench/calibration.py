@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.page import put
 from bow_sim.model import Parameters
 from bow_sim.reflection import gaussian
 from bow_sweep.basin import HELMHOLTZ
@@ -28,8 +29,6 @@ from bow_sweep.view.maps import MapFile
 from bow_sweep.view.sheet import MUTED, Sheet, paint, percent, style
 
 ROOT = Path(__file__).resolve().parent.parent
-BEGIN, END = "<!-- begin: written by bench/calibration.py -->", "<!-- end: written by bench/calibration.py -->"
-
 STIFFNESS = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
 V_MIDS = (0.9, 0.2, -2.0)
 DELTA, STIFF = "delta_cremer", "stiff_cremer"
@@ -155,8 +154,6 @@ def page(found: Mapping[Variant, MapFile], left_out: int, nx: int, ny: int, seco
     titles = {"default": "Default", "bridge": "Cremer's bridge: R = 63.5, w_c = 1.4 w_1 (t60)",
               "stiffness": "Bending stiffness B", "numerics": "Numerics"}  # fmt: skip
     lines = [
-        BEGIN,
-        "",
         f"{len(found)} maps of {nx} × {ny} cells, 100 periods each, in {seconds:.0f} s "
         f"({platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()})"
         + (f"; {left_out} left out for want of time." if left_out else "."),
@@ -164,21 +161,15 @@ def page(found: Mapping[Variant, MapFile], left_out: int, nx: int, ny: int, seco
     for group, title in titles.items():
         if any(v.group == group for v in found):
             lines += ["", f"## {title}", "", *table(found, group)]
-    return "\n".join([*lines, "", "![maps](figures/calibration.png)", "", END])
-
-
-def put(text: str, path: Path) -> None:
-    """Put the text between the marks of a page; a page without marks gets it at its end."""
-    old = path.read_text(encoding="utf-8") if path.exists() else "# Calibration\n"
-    before, _, rest = old.partition(BEGIN)
-    after = rest.partition(END)[2] or "\n"
-    path.write_text(before.rstrip("\n") + "\n\n" + text + after, encoding="utf-8")
+    return "\n".join([*lines, "", "## Maps", "", "![maps](figures/calibration.png)"])
 
 
 def draw(found: Mapping[Variant, MapFile], path: Path) -> None:
     """Small maps of v_mid 0.2, in the colours of the main picture."""
-    shown = [v for v in found if v.v_mid == 0.2]
-    shown.sort(key=lambda v: (("default", "bridge", "numerics", "stiffness").index(v.group), v.model, v.name != "t60"))
+    order = ("default", "t60", "float32", "torsional delays rounded", "grid shifted by half a cell")
+    usual = f"{Parameters().stiffness_b:g}"
+    shown = [v for v in found if v.v_mid == 0.2 and v.name != usual]
+    shown.sort(key=lambda v: (order.index(v.name), v.model) if v.name in order else (len(order), ""))
     columns, wide, high, across, down = 4, 256, 128, 292, 196
     rows = -(-len(shown) // columns)
     with style():
@@ -186,7 +177,7 @@ def draw(found: Mapping[Variant, MapFile], path: Path) -> None:
         sheet.text(30, 34, r"Transient length at $v_\mathrm{mid}$ = 0.2, axes as in Fig 11; black: never", fontsize=10)
         for number, v in enumerate(shown):
             row, column = divmod(number, columns)
-            left, top = 30 + column * across, 84 + row * down
+            left, top = 30 + column * across, 90 + row * down
             axes = sheet.axes(left, top, wide, high)
             paint(axes, found[v], transient_colours(found[v].transient_periods, found[v].periods))
             axes.set(xticks=[], yticks=[])
@@ -199,7 +190,8 @@ def draw(found: Mapping[Variant, MapFile], path: Path) -> None:
 
 def run(minutes: float, nx: int, ny: int, say: Callable[[str], None]) -> tuple[dict[Variant, MapFile], int]:
     """Compute the maps, until the time is up; returns them and how many are left out."""
-    began, found, plan = time.monotonic(), {}, variants()
+    began, plan = time.monotonic(), variants()
+    found: dict[Variant, MapFile] = {}
     for number, variant in enumerate(plan):
         if time.monotonic() - began > 60 * minutes:
             return found, len(plan) - number
@@ -220,7 +212,11 @@ def main() -> None:
     found, left_out = run(args.minutes, args.nx, args.ny, lambda line: print(line, flush=True))
     (args.out / "figures").mkdir(parents=True, exist_ok=True)
     draw(found, args.out / "figures" / "calibration.png")
-    put(page(found, left_out, args.nx, args.ny, time.monotonic() - began), args.out / "calibration.md")
+    put(
+        page(found, left_out, args.nx, args.ny, time.monotonic() - began),
+        args.out / "calibration.md",
+        "bench/calibration.py",
+    )
     print(f"wrote {args.out / 'calibration.md'}")
 
 

@@ -130,6 +130,8 @@ def sharpening() -> tuple[np.ndarray, np.ndarray]:
 )
 def _fig3_stiff(_maps: Maps) -> Found:
     n, excess = sharpening()
+    if (excess[4:] <= 0).any():
+        return Found("no sharpening", False, {"excess": excess})
     power = float(np.polyfit(np.log(n[4:]), np.log(excess[4:]), 1)[0])
     return Found(f"as n to the {power:.2f}", abs(power - 2) <= 0.1, {"excess": excess, "power": power})
 

@@ -99,7 +99,7 @@ def _fig6_flyback(_maps: Maps) -> Found:
 def ramp_slope(m: Motion) -> np.ndarray:
     """Return the slope of the bridge force between the first slip of a motion and the second, per sample."""
     (_, first), (last, _) = slips(m.slipping)[:2].tolist()
-    return np.diff(m.bridge_force[first + 1 : last - 1])
+    return np.diff(m.bridge_force[first + 1 : max(first + 2, last - 1)])
 
 
 @claim(
@@ -113,6 +113,8 @@ def _fig6_ripples(_maps: Maps) -> Found:
     _, m = steady()
     slope = ramp_slope(m)
     lags = np.arange(5, 26)
+    if len(slope) < 2 * lags[-1]:
+        return Found(f"no ramp: {len(slope)} samples between two slips", False, {"samples": len(slope)})
     likeness = np.array([np.corrcoef(slope[:-lag], slope[lag:])[0, 1] for lag in lags])
     best, most = int(lags[likeness.argmax()]), float(likeness.max())
     words = f"{best} samples (correlation of the slope {most:.2f})"

@@ -13,10 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bow_classifier.regime import Thresholds
 from bow_sim.model import MODELS, ParameterError, Parameters
 from bow_sim.taps import embed_files
 
-from .plan import Sweep, presets
+from . import commands_paper
+from .plan import X_AXIS, Y_AXIS, Sweep, presets
 
 DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses."""
@@ -313,16 +315,22 @@ def _settings(_: argparse.Namespace) -> int:
     for name, field in sorted(Parameters.__dataclass_fields__.items()):
         print(f"{name} = {field.default}")
         print(textwrap.indent(_describe_field(field), "    "))
-    print("x.name, x.scale, x.first, x.last, x.count, y...: the axes of the map; block_cells: lanes of one kernel call")
-    print("classifier.*: thresholds of the verdicts")
+    for name, field in sorted(Thresholds.__dataclass_fields__.items()):
+        print(f"classifier.{name} = {field.default}")
+        print(textwrap.indent(_describe_field(field), "    "))
+    for axis, defaults in (("x", X_AXIS), ("y", Y_AXIS)):
+        for name, value in vars(defaults).items():
+            print(f"{axis}.{name} = {value}")
+    print("    the axes of the map: a parameter's name, log or linear, first and last value, how many")
+    print(f"block_cells = {Sweep.block_cells}\n    cells that one simulator runs together")
     return DONE
 
 
 def _describe_field(field: Any) -> str:
     meta = field.metadata
-    right = ", ".join(meta["choices"]) if "choices" in meta else str(meta["range"])
+    right = ", ".join(meta["choices"]) if "choices" in meta else str(meta.get("range", ""))
     unit = f" [{meta['unit']}]" if meta["unit"] else ""
-    return f"{meta['doc']}{unit}; {right}; {meta['source']}"
+    return "; ".join(filter(None, (f"{meta['doc']}{unit}", right, meta.get("source", ""))))
 
 
 def _node(args: argparse.Namespace) -> int:
@@ -345,7 +353,9 @@ def parser() -> argparse.ArgumentParser:
     _add_sweep(commands)
     _add_transient(commands)
     _add_run_commands(commands)
-    commands.add_parser("settings", help="list every setting, its unit, range and source").set_defaults(run=_settings)
+    commands_paper.add_commands(commands)
+    settings = "list every setting, its default, unit, range and source"
+    commands.add_parser("settings", help=settings, description=settings).set_defaults(run=_settings)
     for name in NODES:
         node = commands.add_parser(name, help=f"run one {name} node, as `ros2 run bow {name}` does", add_help=False)
         node.add_argument("arguments", nargs=argparse.REMAINDER)

@@ -116,8 +116,6 @@ def conduct(
         After Ctrl-C or SIGTERM; everything has been stopped in order.
     """
     use_local_defaults()
-    Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()  # children would all compile at once
-    warm_classifier()
     coordinator: dict[str, object] = {"once": True}
     if resume:
         coordinator["resume"] = str(directory)
@@ -133,19 +131,23 @@ def conduct(
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
     handlers = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     rclpy.init(args=["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"], signal_handler_options=_NO_SIGNALS)
-    node, executor = None, EventsExecutor()
+    node, executor, finished = None, EventsExecutor(), False
     try:
-        roles = ["coordinator", "recorder", "classifier", *(["dashboard"] if dashboard is not None else [])]
-        for role in roles + ["simulator"] * simulators:
+        for role in ["coordinator", "recorder", *(["dashboard"] if dashboard is not None else [])]:
+            supervisor.start(role)
+        Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()  # from here on the compiler's cache has it
+        warm_classifier()
+        for role in ["classifier"] + ["simulator"] * simulators:
             supervisor.start(role)
         node = SupervisorNode()
         executor.add_node(node)
         _watch(supervisor, node, executor, display)
+        finished = True
     finally:
         for number in handlers:
             signal.signal(number, _second_interrupt)
         display.stop()
-        killed = supervisor.stop()
+        killed = supervisor.stop(idle=finished)
         if killed:
             display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
         executor.shutdown()

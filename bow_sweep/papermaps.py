@@ -44,20 +44,23 @@ class PaperMaps:
 def recognise(runs: Sequence[Path]) -> PaperMaps:
     """Read runs, directories or map.npz files, and find out which of the paper's maps each is.
 
+    Of two of different length, Fig 10 and Fig 11(d) for instance, the longer counts.
+
     Raises
     ------
     MapFileError
-        Where a run has no map, the map is none of the paper's or not finished, or two are the same one.
+        Where a run has no map, the map is none of the paper's or not finished, or two of one length are the same one.
     """
     maps: dict[str, MapFile] = {}
     listed = []
     for run in runs:
         plane = read_map(run)
         letter = letter_of(plane, str(run))
-        if letter in maps:
+        if letter in maps and maps[letter].periods == plane.periods:
             raise MapFileError(f"{run}: a second run of Fig 11({letter}); should be one of each")
-        maps[letter] = plane
         listed.append((str(run), title(letter, plane)))
+        if letter not in maps or plane.periods > maps[letter].periods:  # Fig 10 is the beginning of 11(d)
+            maps[letter] = plane
     return PaperMaps(maps, tuple(listed))
 
 

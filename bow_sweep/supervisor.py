@@ -137,11 +137,14 @@ class Supervisor:
             raise GraphError(f"{death.child.name} ended {CRASHES} times ({death.cause}):\n{tail(death.child.log)}")
         return self.start(death.child.role)
 
-    def stop(self) -> list[Child]:
-        """Stop every process, politely first; return those that had to be killed."""
+    def stop(self, idle: bool) -> list[Child]:
+        """Stop every process, politely first; return those that had to be killed.
+
+        Where the graph is not `idle`, those that publish go first, so that the recorder still hears them.
+        """
         stubborn: list[Child] = []
-        for role in STOP_ORDER:
-            group = [child for child in self.children if child.role == role]
+        for roles in [STOP_ORDER] if idle else [[role] for role in STOP_ORDER]:
+            group = [child for child in self.children if child.role in roles]
             for child in group:
                 with contextlib.suppress(ProcessLookupError):
                     child.process.send_signal(signal.SIGCONT)

@@ -60,12 +60,13 @@ def motion(
     drift = 0.0
     intervals: list[tuple[int, int, float]] = []
     for place, height in jumps:
-        force += height * HEIGHT * np.floor(t / period + phase - place)
+        turns = np.round(t / period + phase - place, 9)  # or rounding would shift some of the jumps by a sample
+        force += height * HEIGHT * np.floor(turns)
         drift += height
     force -= drift * HEIGHT * (t / period + phase)
     for place, duration, slip in slips:
         turn = np.arange(-2, samples / period + 2)
-        for onset in np.ceil((turn + place - phase) * period).astype(int):
+        for onset in np.ceil(np.round((turn + place - phase) * period, 6)).astype(int):
             if 0 < onset < samples:
                 intervals.append((int(onset), duration, slip * N))
     return Record(force, sorted(intervals))

@@ -13,13 +13,13 @@ from reference import slips as slow_slips
 from bow_classifier.corners import corners
 from bow_classifier.slips import Intervals, Unfinished, slips
 
-DELAY, START, GAP = 15, 16, 20.0
+DELAY, START, GAP = 15, 41, np.array([20.0])
 
 
-def count(x, begin, end, level):
+def count(x, begin, end, level, delay=DELAY):
     past = np.concatenate([np.zeros(START), x])
     record = past[None, begin : end + START].astype(np.float32)
-    return int(corners(record, START, DELAY, np.array([level])).number[0])
+    return int(corners(record, START, np.array([delay]), np.array([level])).number[0])
 
 
 @pytest.mark.parametrize("border", [0, 30, 100, 101, 107, 115, 116, 130])
@@ -56,26 +56,27 @@ def test_what_is_above_threshold_at_the_border_is_no_new_corner_before_it_has_fa
     assert count(x, 100, 300, 0.4) == slow_corners(x, 100, 300, DELAY, 0.4) == 2
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(0.1, 3), st.integers(8, 292))
-def test_corners_agree_with_a_walk_from_the_start(seed, level, border):
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 3), st.integers(8, 292), st.integers(1, START - 1))
+def test_corners_agree_with_a_walk_from_the_start(seed, level, border, delay):
     x = np.random.default_rng(seed).normal(size=300).cumsum().astype(np.float32).astype(float)
-    assert count(x, 0, border, level) == slow_corners(x, 0, border, DELAY, level)
-    assert count(x, border, 300, level) == slow_corners(x, border, 300, DELAY, level)
+    assert count(x, 0, border, level, delay) == slow_corners(x, 0, border, delay, level)
+    assert count(x, border, 300, level, delay) == slow_corners(x, border, 300, delay, level)
 
 
 def test_a_count_is_sure_if_the_neighbouring_thresholds_give_the_same():
-    x = np.zeros((3, 216), np.float32)
+    x = np.zeros((3, START + 200), np.float32)
     x[0, 116:] = 1.0
     x[1, 116:] = 0.42  # passes at 0.8, 0.9 and 1 times the threshold of 0.4
     x[2, 116:] = 0.39
-    found = corners(x, START, DELAY, np.full(3, 0.4))
+    found = corners(x, START, np.full(3, DELAY), np.full(3, 0.4))
     assert found.number.tolist() == [1, 1, 0]
     assert found.sure.tolist() == [1.0, 0.5, 0.5]
 
 
-def test_too_short_a_past_is_refused():
-    with pytest.raises(ValueError, match="more than 15 samples"):
-        corners(np.zeros((1, 100), np.float32), 15, DELAY, np.ones(1))
+@pytest.mark.parametrize("delays", [[3, 15], [3, 40], [0, 3], [-1, 3]])
+def test_too_short_a_past_and_a_delay_of_nothing_are_refused(delays):
+    with pytest.raises(ValueError, match=f"delays {min(delays)} ... {max(delays)}: delays should be above 0"):
+        corners(np.zeros((2, 100), np.float32), 15, np.array(delays), np.ones(2))
 
 
 def cut(slipping, speed, borders):
@@ -144,7 +145,26 @@ def test_a_chunk_that_does_not_continue_the_one_before_is_refused():
 def test_the_thresholds_are_each_cells_own():
     x = np.zeros((2, 216), np.float32)
     x[:, 116:] = HEIGHT
-    assert corners(x, START, DELAY, np.array([0.5, 2.0]) * HEIGHT).number.tolist() == [1, 0]
+    assert corners(x, START, np.full(2, DELAY), np.array([0.5, 2.0]) * HEIGHT).number.tolist() == [1, 0]
+
+
+def test_the_ripple_period_is_each_cells_own():
+    x = np.random.default_rng(3).normal(size=300).cumsum().astype(np.float32)
+    record = np.tile(np.concatenate([np.zeros(START, np.float32), x]), (3, 1))
+    found = corners(record, START, np.array([5, 20, 40]), np.full(3, 2.0)).number.tolist()
+    assert found == [slow_corners(x, 0, 300, delay, 2.0) for delay in (5, 20, 40)]
+    assert len(set(found)) == 3
+
+
+def test_the_stick_within_a_cluster_is_each_cells_own():
+    speed, slipping = np.ones(100), np.zeros(100, bool)
+    slipping[20:30] = slipping[40:50] = True
+    (chunk,) = cut(slipping, speed, [0, 100])
+    twice = Intervals(
+        np.zeros(2, np.uint8), np.array([0, 2, 4], np.uint32), *(np.tile(column, 2) for column in chunk[2:])
+    )
+    found, _ = slips(twice, 100, np.full(2, 4.0), np.array([10.0, 9.0]), Unfinished.none(2))
+    assert found.clusters.tolist() == [1, 2]
 
 
 def test_slips_with_a_short_stick_between_them_are_one_cluster_across_borders():

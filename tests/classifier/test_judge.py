@@ -34,9 +34,9 @@ TESTS = 4
 SAMPLES = TESTS * GEOMETRY.samples
 
 
-def judge(records, thresholds=None):
+def judge(records, thresholds=None, bow_bridge=None):
     """Return the judgements on every chunk of a block."""
-    judge = BlockJudge(GEOMETRY, thresholds or Thresholds(), len(records))
+    judge = BlockJudge(GEOMETRY, thresholds or Thresholds(), len(records), bow_bridge=bow_bridge)
     return [judge.judge(*chunk) for chunk in chunks(records)]
 
 
@@ -124,9 +124,10 @@ def test_a_cells_verdict_depends_on_nothing_but_the_cell_bit_for_bit(order, alon
     noise = np.random.default_rng(5).normal(size=(9, SAMPLES)) * 0.05
     records = [makers[i % 4](SAMPLES) for i in range(9)]
     records = [Record(r.bridge_force + noise[i], r.slips) for i, r in enumerate(records)]
-    together = judge(records)
-    shuffled = judge([records[i] for i in order])
-    single = judge([records[alone]])
+    bridges = np.array([15, 15, 15, 15, 7, 138, 1, 40, 15])
+    together = judge(records, bow_bridge=bridges)
+    shuffled = judge([records[i] for i in order], bow_bridge=bridges[list(order)])
+    single = judge([records[alone]], bow_bridge=None if bridges[alone] == 15 else bridges[alone])
     for a, b, c in zip(together, shuffled, single, strict=True):
         for name in a._fields:
             whole = getattr(a, name)
@@ -157,6 +158,40 @@ def test_thresholds_scale_with_the_bow_speed():
         assert one.confidence[0] == pytest.approx(one.confidence[1], rel=1e-5)
 
 
+def test_thresholds_scale_with_the_bow_position():
+    bridges = np.array([15, 7, 30, 40])
+    record = helmholtz(SAMPLES)
+    records = [Record(record.bridge_force * 15 / bridge, record.slips) for bridge in bridges]
+    for one in judge(records, bow_bridge=bridges)[1:]:
+        assert one.passed.all()
+        np.testing.assert_allclose(one.confidence, one.confidence[0], rtol=1e-5)
+    for one in judge([record] * 2, bow_bridge=[15, 5])[1:]:  # the flyback at 5 would be three times as high
+        assert one.corners.tolist() == [5, 0]
+
+
+def test_silence_and_clusters_follow_the_bow_position():
+    soft = Record(helmholtz(SAMPLES).bridge_force * 0.05, [])
+    for one in judge([soft] * 2, bow_bridge=[15, 30])[1:]:
+        assert [REGIMES[code] for code in one.regime] == ["no_oscillation", "other_periodic"]
+    record = sticking_flybacks(SAMPLES, 3)  # sticks of 10 samples between the flybacks
+    loud = Record(record.bridge_force * 3, record.slips)
+    for one in judge([loud] * 2, bow_bridge=[15, 5])[1:]:
+        assert [REGIMES[code] for code in one.regime] == ["multiple_flyback", "multiple_slip"]
+
+
+def test_the_position_of_the_geometry_is_the_one_of_cells_without_their_own():
+    records = [helmholtz(SAMPLES), multiple_slip(SAMPLES)]
+    for bridge in (15, 15.0, [15, 15], np.array([15.0])):
+        for a, b in zip(judge(records), judge(records, bow_bridge=bridge), strict=True):
+            assert all(x.tobytes() == y.tobytes() for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize("wrong", [0, -3, 139, 7.5, np.nan, np.inf])
+def test_a_bow_that_is_not_on_a_sample_of_the_string_is_refused(wrong):
+    with pytest.raises(ValueError, match=f"bow_bridge {float(wrong)}: should be a whole number of samples above 0"):
+        BlockJudge(GEOMETRY, Thresholds(), 2, bow_bridge=[15, wrong])
+
+
 def test_a_refused_chunk_leaves_the_state_as_it_was():
     first, second, third, fourth = chunks([helmholtz(SAMPLES, phase=0.06)])
     judge, same = BlockJudge(GEOMETRY, Thresholds(), 1), BlockJudge(GEOMETRY, Thresholds(), 1)
@@ -173,14 +208,16 @@ def test_a_refused_chunk_leaves_the_state_as_it_was():
 
 @pytest.fixture(scope="module")
 def bowed():
-    """A corner of everything: 24 stiff and 24 delta cells over the plane, 60 periods."""
+    """A corner of everything: 24 stiff and 24 delta cells over the plane, 24 of bow position x force, 60 periods."""
     result = []
-    for model in ("stiff_cremer", "delta_cremer"):
+    plane = np.meshgrid(np.geomspace(0.5, 20, 6), np.linspace(0, 2, 4))
+    forces = {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()}
+    positions = {"f_asym": plane[0].ravel(), "bow_bridge": np.repeat([5.0, 11.0, 24.0, 47.0], 6)}
+    for model, lanes in (("stiff_cremer", forces), ("delta_cremer", forces), ("stiff_cremer", positions)):
         parameters = Parameters(model=model, v_mid=0.2, periods=60)
-        plane = np.meshgrid(np.geomspace(0.5, 20, 6), np.linspace(0, 2, 4))
-        lanes = {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()}
         block = Block(parameters, lanes)
-        result.append((parameters, [block.advance() for _ in range(parameters.chunks)]))
+        bridges = lanes.get("bow_bridge", np.full(24, 15)).astype(int)
+        result.append((parameters, bridges, [block.advance() for _ in range(parameters.chunks)]))
     return result
 
 
@@ -189,10 +226,11 @@ def intervals(chunk):
 
 
 def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
-    seen = set()
-    for parameters, simulated in bowed:
+    seen = []
+    for parameters, bridges, simulated in bowed:
+        seen.append(set())
         thresholds, geometry = Thresholds(), Geometry.of(parameters)
-        judge = BlockJudge(geometry, thresholds, 24)
+        judge = BlockJudge(geometry, thresholds, 24, bow_bridge=bridges)
         force = np.concatenate([chunk.bridge_force for chunk in simulated], axis=1).astype(float)
         slipping, speed = np.zeros(force.shape, bool), np.zeros(force.shape)
         for test, chunk in enumerate(simulated):
@@ -206,8 +244,8 @@ def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
             begin, end = test * geometry.samples, (test + 1) * geometry.samples
             for cell in range(24):
                 correlation, period = slow_periodicity(force[cell], end, geometry.period, range(135, 146))
-                level = thresholds.corner * geometry.period / geometry.bow_bridge
-                corners = slow_corners(force[cell], begin, end, geometry.bow_bridge, level)
+                level = thresholds.corner * geometry.period / bridges[cell]
+                corners = slow_corners(force[cell], begin, end, bridges[cell], level)
                 slips = slow_slips(slipping[cell], speed[cell], begin, end, thresholds.slip * geometry.period)
                 np.testing.assert_allclose(found.correlation[cell], correlation, atol=2e-6)
                 np.testing.assert_allclose(found.period[cell], period, rtol=1e-5)
@@ -215,8 +253,8 @@ def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
                 passed = correlation > 0.95 and corners == slips == 5
                 assert found.passed[cell] == passed or abs(correlation - 0.95) < 1e-6
                 assert 0 <= found.confidence[cell] <= 1
-            seen |= {REGIMES[code] for code in found.regime}
-    assert {"helmholtz", "multiple_slip", "aperiodic"} <= seen
+            seen[-1] |= {REGIMES[code] for code in found.regime}
+    assert all({"helmholtz", "multiple_slip", "aperiodic"} <= one for one in seen)
 
 
 @pytest.mark.parametrize(("force", "periods"), [(5.5, 16.0), (5.3, 21.0)])
@@ -239,7 +277,7 @@ def test_every_fourth_row_and_column_of_fig_11_c_and_d_has_its_share_of_helmholt
     for f_init_ratio in y.reshape(-1, 4):
         plane = np.meshgrid(x, f_init_ratio)
         block = Block(parameters, {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()})
-        judge = BlockJudge(Geometry.of(parameters), Thresholds(), block.cells)
+        judge = BlockJudge(Geometry.of(parameters), Thresholds(), plane[0].size)
         simulated = (block.advance() for _ in range(parameters.chunks))
         passed = np.array([judge.judge(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
         share.append((history(passed)[0] > 0).mean())
@@ -247,7 +285,7 @@ def test_every_fourth_row_and_column_of_fig_11_c_and_d_has_its_share_of_helmholt
 
 
 def test_the_analysis_imports_no_ros_no_mcap_no_rerun():
-    modules = ("corners", "judge", "periodicity", "regime", "slips", "stream", "task")
+    modules = ("corners", "judge", "periodicity", "regime", "slips", "sources", "stream", "task")
     code = "import sys\n" + "".join(f"import bow_classifier.{module}\n" for module in modules)
     code += "bad = {m.split('.')[0] for m in sys.modules} & {'rclpy', 'mcap', 'rerun', 'bow_msgs', 'bow_sweep'}\n"
     subprocess.run([sys.executable, "-c", code + "assert not bad, bad"], check=True)

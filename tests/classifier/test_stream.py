@@ -2,18 +2,26 @@ from __future__ import annotations
 
 import itertools
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kinematics import SAMPLES_OF_STREAMS, chunks, helmholtz, multiple_flyback, multiple_slip, silence
+from kinematics import (
+    SAMPLES_OF_STREAMS,
+    Record,
+    chunks,
+    helmholtz,
+    multiple_flyback,
+    multiple_slip,
+    silence,
+    sticking_flybacks,
+)
 
 from bow_classifier import stream
+from bow_classifier.judge import BlockJudge
 from bow_classifier.regime import REGIMES, Thresholds
 from bow_classifier.stream import FORCE, SLIP, Classifier
 from bow_classifier.task import Task
 from bow_sim import wire
-from bow_sim.model import ParameterError
 
 RUN, SWEEP = "0123456789abcdef", "fedcba9876543210"
 CHUNKS = 5
@@ -318,7 +326,10 @@ def test_another_run_begins_anew_and_the_end_of_the_one_before_does_not_end_it()
         ({"spec.settings": [*SETTINGS, "x.count=many"]}, "x.count = 'many'"),
         ({"spec.settings": [*SETTINGS, "block_cells=0"]}, "block_cells = 0"),
         ({"spec.settings": [*SETTINGS, "nonsense"]}, "nonsense"),
-        ({"spec.settings": [*SETTINGS, "x.name=bow_bridge"]}, "x.name = 'bow_bridge'"),
+        ({"spec.settings": [*SETTINGS, "x.name=period"]}, "x.name = 'period'"),
+        ({"spec.settings": [*SETTINGS, "x.name=bow_bridge"]}, "axis of bow_bridge: bow_bridge = 0.5: must be a whole"),
+        ({"spec.settings": [*SETTINGS, "x.name=v_b", "x.first=0"]}, "axis of v_b: 0.0: should be a number above 0"),
+        ({"spec.settings": [*SETTINGS, "x.name=v_b", "x.scale=cubic"]}, "axis of v_b: scale = 'cubic'"),
     ],
 )
 def test_a_plan_that_cannot_be_judged_is_a_problem_until_the_next(changes, says):
@@ -332,15 +343,20 @@ def test_a_plan_that_cannot_be_judged_is_a_problem_until_the_next(changes, says)
     assert classifier.task is not None
 
 
-def test_a_task_knows_blocks_and_bow_speeds():
-    assert (TASK.cells, TASK.blocks, TASK.chunks) == (3, 2, CHUNKS)
-    assert TASK.block(1).tolist() == [2]
-    assert TASK.bow_speed(TASK.block(1)).tolist() == [1.0]
-    settings = [line for line in SETTINGS if not line.startswith("y.")]
-    swept = [*settings, "y.name=v_b", "y.scale=linear", "y.first=1", "y.last=3", "y.count=2", "block_cells=4"]
-    task = Task.from_settings(RUN, SWEEP, swept)
-    np.testing.assert_allclose(task.bow_speed(task.block(0)), [1, 1, 1, 3])
-    across = [line.replace("y.", "z.").replace("x.", "y.").replace("z.", "x.") for line in swept]
-    np.testing.assert_allclose(Task.from_settings(RUN, SWEEP, across).bow_speeds, [1, 3] * 3)
-    with pytest.raises(ParameterError, match="axis of v_b"):
-        Task.from_settings(RUN, SWEEP, [line for line in swept if not line.startswith("y.last")])
+def test_every_cell_of_a_map_of_bow_position_is_judged_by_its_own():
+    axis = ("x.name=bow_bridge", "x.scale=linear", "x.first=5", "x.last=35", "block_cells=3")
+    task = Task.from_settings(RUN, SWEEP, [*SETTINGS, *axis])
+    classifier = Classifier("me")
+    classifier.open(task)
+    record = sticking_flybacks(SAMPLES_OF_STREAMS, 3)
+    content = chunks([Record(record.bridge_force * 3, record.slips)] * 3)
+    out = []
+    for chunk in range(2):
+        for name in (FORCE, SLIP):
+            out += classifier.take(name, message(name, chunk, content=content[chunk], cells=task.block(0)))
+    last = wire.unseal("Verdicts", out[-1])
+    judge = BlockJudge(task.geometry, task.thresholds, 3, bow_bridge=[5, 20, 35])
+    expected = [judge.judge(*chunk) for chunk in content[:2]][-1]
+    for name in expected._fields:
+        assert last[name].tobytes() == getattr(expected, name).tobytes()
+    assert [REGIMES[code] for code in last["regime"]][:2] == ["multiple_slip", "multiple_flyback"]

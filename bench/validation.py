@@ -1,0 +1,38 @@
+"""Writes docs/validation.md from a real `bow validate`, with the figures: `python -m bench.validation RUN...`.
+
+The runs are those of fig11a ... fig11f, at full size. Exit status 1 if a claim fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from bench.page import put
+from bow_sim.figures import FIGURES, write
+from bow_sim.kernel import fingerprint
+from bow_sweep.validate import validate
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", metavar="RUN", nargs="*", type=Path)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs", help="directory of validation.md and figures/")
+    args = parser.parse_args()
+    pictures = args.out / "figures"
+    pictures.mkdir(parents=True, exist_ok=True)
+    for number in FIGURES:
+        write(number, pictures / f"fig{number:02}.png")
+    report = validate(args.runs)
+    figures = "\n\n".join(f"![Fig {number}](figures/fig{number:02}.png)" for number in FIGURES)
+    text = f"{report.to_markdown()}\nKernel: `{fingerprint()}`.\n\n## The line figures\n\n{figures}"
+    put(text, args.out / "validation.md", "bench/validation.py")
+    print(report.summary())
+    return 0 if report.ok else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
