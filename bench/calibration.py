@@ -21,9 +21,11 @@ from bench.page import put
 from bow_sim.model import Parameters
 from bow_sim.reflection import gaussian
 from bow_sweep.basin import HELMHOLTZ
+from bow_sweep.claims_maps import CLAIMS
 from bow_sweep.inprocess import compute
 from bow_sweep.papermaps import LAYOUT
 from bow_sweep.plan import Sweep
+from bow_sweep.validate import REPORT
 from bow_sweep.view.layers import transient_colours
 from bow_sweep.view.maps import MapFile
 from bow_sweep.view.sheet import MUTED, Sheet, paint, percent, style
@@ -32,7 +34,7 @@ ROOT = Path(__file__).resolve().parent.parent
 STIFFNESS = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
 V_MIDS = (0.9, 0.2, -2.0)
 DELTA, STIFF = "delta_cremer", "stiff_cremer"
-MEASURES = ("Helmholtz", "transient", "flyback")
+MEASURES = ("Helmholtz", "median", "mean", "flyback")
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,8 @@ def _measure(plane: MapFile, part: tuple[slice, slice]) -> dict[str, float]:
     came = lengths > 0
     return {
         "Helmholtz": float(came.mean()),
-        "transient": float(np.median(lengths[came])) if came.any() else float("nan"),
+        "median": float(np.median(lengths[came])) if came.any() else float("nan"),
+        "mean": float(np.mean(lengths[came])) if came.any() else float("nan"),
         "flyback": float(np.mean(regime == plane.regime_names.index("multiple_flyback"))),
     }
 
@@ -126,8 +129,8 @@ def table(found: Mapping[Variant, MapFile], group: str) -> list[str]:
     """Rows of a group of variants, each beside the default map of its model and v_mid."""
     usual = {(v.model, v.v_mid): plane for v, plane in found.items() if v.group == "default"}
     lines = [
-        "| map | variant | Helmholtz | median transient (periods) | multiple flyback | cells changed |",
-        "|---|---|---|---|---|---|",
+        "| map | variant | Helmholtz | transient: median | mean (periods) | multiple flyback | cells changed |",
+        "|---|---|---|---|---|---|---|",
     ]
     shown = [v for v in found if v.group == group]
     for v in sorted(shown, key=lambda v: (V_MIDS.index(v.v_mid), v.model)):
@@ -136,12 +139,28 @@ def table(found: Mapping[Variant, MapFile], group: str) -> list[str]:
         cells = [
             f"{_letter(v)} {v.model.replace('_cremer', '')}, v_mid {v.v_mid:g}",
             v.name,
-            *(f"{100 * m[name][0]:.1f} ± {100 * m[name][1]:.1f} %" for name in ("Helmholtz",)),
-            f"{m['transient'][0]:.0f} ± {m['transient'][1]:.1f}",
+            f"{100 * m['Helmholtz'][0]:.1f} ± {100 * m['Helmholtz'][1]:.1f} %",
+            f"{m['median'][0]:g}",
+            f"{m['mean'][0]:.1f} ± {m['mean'][1]:.1f}",
             f"{100 * m['flyback'][0]:.1f} ± {100 * m['flyback'][1]:.1f} %",
-            percent(changed(found[v], usual[v.model, v.v_mid])) if same else "",
+            f"{100 * changed(found[v], usual[v.model, v.v_mid]):.2f} %" if same else "",
         ]
         lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def claims_table(found: Mapping[Variant, MapFile]) -> list[str]:
+    """The claims of `bow validate` about maps, for each variant of which all six maps are there."""
+    sets: dict[str, dict[str, MapFile]] = {}
+    for v, plane in found.items():
+        sets.setdefault(v.name, {})[_letter(v)[1]] = plane
+    names = [name for name, maps in sets.items() if len(maps) == len(LAYOUT)]
+    lines = ["| claim | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    for claim in CLAIMS.all:
+        rows = [claim.judge(sets[name]) for name in names]
+        if any(row.verdict != REPORT for row in rows):
+            cells = [f"{row.verdict}: {row.measured}" for row in rows]
+            lines.append("| " + " | ".join([claim.claim, *cells]) + " |")
     return lines
 
 
@@ -161,6 +180,7 @@ def page(found: Mapping[Variant, MapFile], left_out: int, nx: int, ny: int, seco
     for group, title in titles.items():
         if any(v.group == group for v in found):
             lines += ["", f"## {title}", "", *table(found, group)]
+    lines += ["", "## What the paper claims of the maps, with each", "", *claims_table(found)]
     return "\n".join([*lines, "", "## Maps", "", "![maps](figures/calibration.png)"])
 
 

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from bench.page import put
-from bow_sim.figures import FIGURES, write
+from bow_sim.figures import FIGURES, figure
 from bow_sim.kernel import fingerprint
+from bow_sim.page import save
 from bow_sweep.validate import validate
 
 ROOT = Path(__file__).resolve().parent.parent
+PIXELS_AN_INCH = 140  # small files
 
 
 def main() -> int:
@@ -25,10 +28,13 @@ def main() -> int:
     pictures = args.out / "figures"
     pictures.mkdir(parents=True, exist_ok=True)
     for number in FIGURES:
-        write(number, pictures / f"fig{number:02}.png")
+        drawn = figure(number)
+        drawn.set_dpi(PIXELS_AN_INCH)
+        save(drawn, pictures / f"fig{number:02}.png")
     report = validate(args.runs)
+    named = replace(report, runs=tuple((Path(directory).name, title) for directory, title in report.runs))
     figures = "\n\n".join(f"![Fig {number}](figures/fig{number:02}.png)" for number in FIGURES)
-    text = f"{report.to_markdown()}\nKernel: `{fingerprint()}`.\n\n## The line figures\n\n{figures}"
+    text = f"{named.to_markdown()}\nKernel: `{fingerprint()}`.\n\n## The line figures\n\n{figures}"
     put(text, args.out / "validation.md", "bench/validation.py")
     print(report.summary())
     return 0 if report.ok else 1

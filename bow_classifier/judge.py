@@ -93,7 +93,8 @@ class BlockJudge:
     bow_speed
         Final bow speed v_b, one or (cells,).
     bow_bridge
-        Round trip bow-bridge-bow, samples, one or (cells,); None = that of the geometry.
+        Round trip bow-bridge-bow, samples, one or (cells,); None = that of the geometry. The third test needs beta
+        below the threshold *corner*, 0.4: with the bow further away the ramp between two corners exceeds it too.
 
     Raises
     ------

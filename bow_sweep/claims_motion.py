@@ -173,7 +173,7 @@ def _fig8_parting(_maps: Maps) -> Found:
     before, after = (float(np.corrcoef(one.v[s], other.v[s])[0, 1]) for s in (slice(at), slice(at, 2 * at)))
     slipping = 5.5 if one.slipping[at] else 5.3
     words = (
-        f"{slipping} slips at sample {at + 1}, {at / one.parameters.period:.1f} periods; correlation of v "
+        f"{slipping} slips at sample {at}, {at / one.parameters.period:.1f} periods; correlation of v "
         f"{before:.2f} before, {after:.2f} after"
     )
     placed = one.parameters.period < at < 2 * BOX and slipping == 5.5

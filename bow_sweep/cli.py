@@ -6,6 +6,7 @@ import argparse
 import importlib
 import json
 import os
+import shlex
 import sys
 import textwrap
 import time
@@ -135,7 +136,7 @@ def _run_graph(args: argparse.Namespace, sweep: Sweep, identity: str, directory:
         f"{p.periods} periods, {args.simulators} simulators -> {directory}"
     )
     dashboard = None if args.no_dashboard else {"view": args.view, "port": args.port}
-    again = f"go on with: bow sweep --resume {directory}"
+    again = f"go on with: bow sweep --resume {shlex.quote(str(directory))}"
     try:
         conduct(
             directory,
@@ -171,11 +172,11 @@ def _summary(directory: Path) -> str:
         f"{directory}/",
         "  map.png         the basin map, to look at",
         "  map.npz         the same as arrays",
-        "  dashboard.rrd   rerun " + str(directory / "dashboard.rrd"),
+        f"  dashboard.rrd   rerun {shlex.quote(str(directory / 'dashboard.rrd'))}",
         "  bag/            every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
         "  report.json     accounts, versions, parameters",
         "",
-        f"check it: bow verify {directory}",
+        f"check it: bow verify {shlex.quote(str(directory))}",
     ]
     for block, why in report["quarantined_blocks"].items():
         lines.insert(2, f"QUARANTINED block {block}: {why}")

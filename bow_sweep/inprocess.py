@@ -39,7 +39,8 @@ def judgements(
     block = Block(parameters, lanes)
     cells = len(np.asarray(next(iter(lanes.values()))))
     speed = lanes.get("v_b", parameters.v_b)
-    judge = BlockJudge(Geometry.of(parameters), thresholds or Thresholds(), cells, speed)
+    position = lanes.get("bow_bridge", parameters.bow_bridge)
+    judge = BlockJudge(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
     for _ in range(parameters.chunks):
         chunk = block.advance()
         intervals = Intervals(

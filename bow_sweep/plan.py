@@ -23,7 +23,7 @@ import yaml
 from bow_classifier.regime import Thresholds
 from bow_sim.kernel import source_hash
 from bow_sim.model import SWEEPABLE, TYPES, ParameterError, Parameters, parse_settings
-from bow_sim.spec import split
+from bow_sim.spec import axis_values, split
 
 MAX_CELLS = 1 << 22
 """Cells of one sweep at most: 4 194 304, some 500 maps of the paper; beyond that a typing error is likelier."""
@@ -56,12 +56,7 @@ class Axis:
 
     def values(self) -> np.ndarray:
         """Return the values along the axis, shape (count,), both ends exact."""
-        space = np.geomspace if self.scale == "log" else np.linspace
-        values = space(self.first, self.last, self.count)
-        values[0] = self.first
-        if self.count > 1:
-            values[-1] = self.last
-        return values
+        return axis_values(self.scale, self.first, self.last, self.count)
 
     def check(self, key: str) -> None:
         """Raise ParameterError, naming the key below `key`, where the axis makes no sense."""

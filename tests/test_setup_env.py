@@ -27,7 +27,8 @@ def env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         (root / name).parent.mkdir(exist_ok=True)
         (root / name).write_text(name)
     (root / "requirements.txt").write_text("ros-jazzy-rclpy==7.1.6  # ROS\n./msg_defs\n.\n")
-    for name in ("msg_defs/msg/Plan.msg", "resource/lib/node", "resource/lib/simulator", "bow_sim/kernel.py"):
+    rooms = ("bow_sim/kernel.py", "bow_classifier/corners.py")
+    for name in ("msg_defs/msg/Plan.msg", "resource/lib/node", "resource/lib/simulator", *rooms):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(name)
     venv = root / ".venv"

@@ -113,8 +113,10 @@ def fingerprint(paths):
 
 def kernel_stamp():
     """What Numba's cache depends on: it compares a source file's time and size, and the processor's features."""
-    folder = os.path.join(ROOT, "bow_sim")
-    files = [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if name.endswith(".py")]
+    files = []
+    for room in ("bow_sim", "bow_classifier"):
+        folder = os.path.join(ROOT, room)
+        files += [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if name.endswith(".py")]
     with open("/proc/cpuinfo") as file:
         processor = sorted({line for line in file if line.startswith(("flags", "model name"))})
     times = [[os.path.basename(name), os.stat(name).st_mtime_ns, os.stat(name).st_size] for name in files]
@@ -268,6 +270,7 @@ def warm(record):
         say("reusing the compiled kernels")
         return
     run([PYTHON, "-m", "bow_sim.warm"], "compiling the kernels")
+    run([PYTHON, "-m", "bow_classifier.warm"], "compiling the classifier")
     record["kernels"] = stamp
     write_record(record)
 

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematics import HEIGHT
 from reference import corners as slow_corners
@@ -14,6 +14,7 @@ from bow_classifier.corners import corners
 from bow_classifier.slips import Intervals, Unfinished, slips
 
 DELAY, START, GAP = 15, 41, np.array([20.0])
+patient = settings(deadline=None)  # the first call may compile, and the machine may be busy
 
 
 def count(x, begin, end, level, delay=DELAY):
@@ -56,6 +57,7 @@ def test_what_is_above_threshold_at_the_border_is_no_new_corner_before_it_has_fa
     assert count(x, 100, 300, 0.4) == slow_corners(x, 100, 300, DELAY, 0.4) == 2
 
 
+@patient
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 3), st.integers(8, 292), st.integers(1, START - 1))
 def test_corners_agree_with_a_walk_from_the_start(seed, level, border, delay):
     x = np.random.default_rng(seed).normal(size=300).cumsum().astype(np.float32).astype(float)
@@ -98,6 +100,7 @@ def cut(slipping, speed, borders):
     return result
 
 
+@patient
 @given(
     st.lists(st.tuples(st.integers(1, 30), st.integers(1, 30)), min_size=1, max_size=20),
     st.lists(st.integers(1, 599), max_size=12, unique=True),
@@ -151,8 +154,8 @@ def test_the_thresholds_are_each_cells_own():
 def test_the_ripple_period_is_each_cells_own():
     x = np.random.default_rng(3).normal(size=300).cumsum().astype(np.float32)
     record = np.tile(np.concatenate([np.zeros(START, np.float32), x]), (3, 1))
-    found = corners(record, START, np.array([5, 20, 40]), np.full(3, 2.0)).number.tolist()
-    assert found == [slow_corners(x, 0, 300, delay, 2.0) for delay in (5, 20, 40)]
+    found = corners(record, START, np.array([2, 12, 40]), np.full(3, 2.0)).number.tolist()
+    assert found == [slow_corners(x, 0, 300, delay, 2.0) for delay in (2, 12, 40)]
     assert len(set(found)) == 3
 
 

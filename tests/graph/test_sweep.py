@@ -10,6 +10,11 @@ import numpy as np
 import pytest
 from graph import SMALL, TINY, assert_same_map, bow, orphans, run_sweep, sweeping, verified
 
+from bow_sim import wire
+from bow_sim.kernel import transient
+from bow_sweep.plan import Sweep
+from bow_sweep.record.bag import messages
+
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
@@ -29,6 +34,29 @@ def test_the_verdicts_of_a_cell_do_not_depend_on_pool_or_block(undisturbed: Path
     with np.load(undisturbed / "map.npz") as one, np.load(other / "map.npz") as two:
         for name in set(one.files) - {"run_id", "sweep_id", "settings"}:
             np.testing.assert_array_equal(one[name], two[name], err_msg=name)
+
+
+def test_a_reflection_function_of_ones_own_and_the_bow_position_can_be_swept(tmp_path: Path) -> None:
+    mine = tmp_path / "nut.txt"
+    mine.write_text("first=124 taps=-0.97")
+    settings = [f"nut_function=@{mine}", "x.count=6", "x.last=20", "y.count=4", "block_cells=5"]
+    run = run_sweep(tmp_path / "run", "schelleng", *(f"--set={line}" for line in settings))
+    assert verified(run)["cells"] == 24
+    sweep = Sweep.from_spec("", json.loads((run / "report.json").read_text())["settings"])
+    assert "-0.97" in sweep.parameters.nut_function
+    np.testing.assert_array_equal(sweep.x.values(), [5, 8, 11, 14, 17, 20])
+    cell = 2 * 6 + 4  # third force, bow at 17 samples
+    alone = sweep.parameters.replace(bow_bridge=17, f_asym=float(sweep.y.values()[2]))
+    expected = transient(alone)["bridge_force"].astype(np.float32)
+    waveform = {}
+    for message in messages(run / "bag"):
+        if message.topic.endswith("bridge_force"):
+            values = wire.decode("BridgeForce", message.data)
+            if cell in values["cells"]:
+                row = values["cells"].tolist().index(cell)
+                waveform[values["chunk"]] = values["data"].reshape(-1, values["samples"])[row]
+    recorded = np.concatenate([part for _, part in sorted(waveform.items())])
+    np.testing.assert_array_equal(recorded, expected)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
