@@ -126,7 +126,7 @@ def _fig6_ripples(_maps: Maps) -> Found:
     "surface and centre of the string differ, by torsion",
     "Fig 6(a, b), III.B",
     "v = v_b while sticking, v_c not",
-    "v exact but for rounding, v_c by at least 1 % of the bow speed r.m.s.",
+    "v exact but for rounding; v_c off, r.m.s., by at least 1 % of the bow speed",
 )
 def _fig6_torsion(_maps: Maps) -> Found:
     _, m = steady()

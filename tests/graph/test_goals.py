@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from action_msgs.msg import GoalStatus
 from bow_msgs.action import RunSweep, Simulate
 from bow_msgs.msg import BridgeForce, Health, Receipt, StickSlip, SweepSpec, Verdicts
@@ -26,6 +27,7 @@ from bow_sim.kernel import fingerprint
 from bow_sim.ros import STREAM
 from bow_sweep.plan import Sweep
 
+ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -63,10 +65,12 @@ def client(ros_domain: int) -> Iterator[Client]:
 def nodes(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
     """The nodes of a graph without a supervisor, as `ros2 run` starts them; yields runs_dir."""
     runs = tmp_path / "runs"
+    defaults = ["--ros-args", "--params-file", str(ROOT / "config" / "nodes.yaml")]
+    places = {role: ["-p", f"runs_dir:={runs}"] for role in ("coordinator", "recorder", "dashboard")}
     processes = [
-        subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role, "--ros-args", "-p", f"runs_dir:={runs}"])
-        for role in ("coordinator", "recorder", "dashboard")
-    ] + [subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role]) for role in ("classifier", "simulator")]
+        subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role, *defaults, *places.get(role, [])])
+        for role in ("coordinator", "recorder", "dashboard", "classifier", "simulator")
+    ]
     yield runs
     for process in processes:
         process.terminate()
@@ -197,6 +201,14 @@ def test_a_simulator_rejects_goals_that_cannot_be_right(simulator: object) -> No
     assert "epoch 1 is over" in objection()
     simulator.health.state = Health.STARTING  # type: ignore[attr-defined]
     assert "not ready" in objection(epoch=2)
+
+
+def test_the_parameter_file_names_what_the_nodes_declare() -> None:
+    text = {path: path.read_text() for room in ("bow_sim", "bow_sweep") for path in (ROOT / room).rglob("*.py")}
+    declaring = "".join(content for content in text.values() if "declare_parameter" in content)
+    for node in yaml.safe_load((ROOT / "config" / "nodes.yaml").read_text()).values():
+        for name in node["ros__parameters"]:
+            assert f'"{name}"' in declaring, name
 
 
 def test_a_simulator_alone_is_not_ready(client: Client) -> None:

@@ -186,6 +186,14 @@ def test_a_computed_map_is_recognised_and_measured(tmp_path):
         recognise([tmp_path / "run", tmp_path / "run" / "map.npz"])
 
 
+def test_of_fig_10_and_fig_11d_the_longer_run_counts(tmp_path):
+    paths = [tmp_path / "fig10.npz", tmp_path / "fig11d.npz"]
+    for path, periods in zip(paths, ("40", "100"), strict=True):
+        write_map_npz(path, painted("d", np.zeros((64, 128)), periods=periods))
+    for runs in (paths, paths[::-1]):
+        assert recognise(runs).maps["d"].periods == 100
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
