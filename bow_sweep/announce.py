@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from array import array
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from bow_msgs.action import RunSweep
-from bow_msgs.msg import BasinMap, Health, Plan, SweepSpec
+from bow_msgs.msg import Health, Plan, SweepSpec
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Image
@@ -13,7 +15,7 @@ from sensor_msgs.msg import Image
 from bow_classifier.regime import REGIMES
 from bow_sim.kernel import fingerprint
 
-from .basin import LAYERS, Basin
+from .basin import Basin
 from .ledger import State
 from .run import Run
 from .view.layers import Snapshot, image_of
@@ -52,32 +54,30 @@ def plan_message(run: Run, state: int) -> Plan:
     )
 
 
-def map_message(run: Run, basin: Basin) -> BasinMap:
-    """Return the map so far."""
+def map_message(run: Run, basin: Basin) -> dict[str, Any]:
+    """Return the map so far, the fields of a BasinMap: NumPy writes its long arrays faster than message objects."""
     accounts = run.accounts()
-    message = BasinMap(
-        run_id=run.run_id,
-        sweep_id=run.sweep.sweep_id,
-        x_name=run.sweep.x.name,
-        y_name=run.sweep.y.name,
-        x=run.sweep.x.values(),
-        y=run.sweep.y.values(),
-        transient_periods=basin.transient_periods,
-        tests=basin.tested,
-        regime_names=list(REGIMES),
-        cells_done=accounts["done"],
-        cells_quarantined=accounts["quarantined"],
-        cells_outstanding=accounts["outstanding"],
-    )
-    for name in set(LAYERS) & set(message.get_fields_and_field_types()):
-        setattr(message, name, basin.latest(name))
-    return message
+    return {
+        "run_id": run.run_id,
+        "sweep_id": run.sweep.sweep_id,
+        "x_name": run.sweep.x.name,
+        "y_name": run.sweep.y.name,
+        "x": run.sweep.x.values(),
+        "y": run.sweep.y.values(),
+        "transient_periods": basin.transient_periods,
+        "tests": basin.tested,
+        "regime_names": list(REGIMES),
+        "cells_done": accounts["done"],
+        "cells_quarantined": accounts["quarantined"],
+        "cells_outstanding": accounts["outstanding"],
+        **{name: basin.latest(name) for name in ("regime", "correlation", "slips", "corners")},
+    }
 
 
-def image_message(basin_map: BasinMap, stamp: Time) -> Image:
+def image_message(basin_map: Mapping[str, Any], stamp: Time) -> Image:
     """Return the transient lengths of a map as an image that RViz and its like show: 32FC1, first row on top."""
     height, width, data = image_of(Snapshot.from_message(basin_map))
-    image = Image(height=height, width=width, encoding="32FC1", step=4 * width, data=data)
+    image = Image(height=height, width=width, encoding="32FC1", step=4 * width, data=array("B", data))
     image.header.stamp = stamp
     image.header.frame_id = "basin_map"
     return image

@@ -42,7 +42,7 @@ class SupervisorNode(BowNode):
         self.progress: Progress | None = None
         self.failed = ""
         self.details: dict[str, str] = {}
-        self.complaints: dict[str, bool] = {}  # True = not yet said
+        self.news: dict[str, bool] = {}  # for people; True = not yet said
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
         self.create_subscription(Health, "health", self._on_health, LATCHED)
         self.become(Health.READY)
@@ -59,10 +59,13 @@ class SupervisorNode(BowNode):
 
     def _on_health(self, message: Health) -> None:
         self.details[message.role] = message.detail
-        if message.detail.startswith("rejects blocks") and message.state != Health.STARTING:
-            self.complaints.setdefault(f"{message.node} {message.detail}", True)
-        if message.state == Health.FAILED:
+        if message.state == Health.FAILED and message.role in ("recorder", "classifier"):
             self.failed = f"{message.role}: {message.detail}"
+        elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
+            self.news.setdefault(f"{message.node}: {message.detail}", True)
+        _, found, command = message.detail.partition("; watch with: ")
+        if found:
+            self.news.setdefault(f"watch the map grow with: {command}", True)
 
     def bury(self, death: Death) -> None:
         """Tell the graph that a process has ended."""
@@ -183,7 +186,7 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             supervisor.revive(death)
         if node.failed:
             raise GraphError(node.failed)
-        for complaint in [text for text, new in node.complaints.items() if new]:
-            node.complaints[complaint] = False
-            display.say(complaint)
+        for line in [text for text, new in node.news.items() if new]:
+            node.news[line] = False
+            display.say(line)
         display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())

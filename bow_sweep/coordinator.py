@@ -376,7 +376,7 @@ class CoordinatorNode(BowNode):
         if tested != self._tested:
             self._tested = tested
             message = announce.map_message(self._run, self._basin)
-            self._map.publish(message)
+            self._map.publish(wire.encode("BasinMap", message))
             self._image.publish(announce.image_message(message, self.get_clock().now().to_msg()))
 
     def _publish_progress(self) -> None:

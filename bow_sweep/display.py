@@ -11,6 +11,8 @@ from rich.progress import Progress as Bar
 
 PLAIN_EVERY_S = 2.0
 SHOWN_REGIMES = 4
+WIDE = 130
+"""Columns of a terminal on which `SHOWN_REGIMES` regimes find room; a narrower one shows two."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,10 @@ class Display:
         rate = (progress.done - before) / (now - began) if now > began else 0.0
         left = progress.planned - progress.done - progress.quarantined
         speed = f"{rate:,.0f} cells/s" + (f", {left / rate:.0f} s left" if rate else "")
-        ranked = sorted(progress.regimes.items(), key=lambda item: -item[1])[:SHOWN_REGIMES]
+        if not left:
+            speed = "closing the bag, drawing the map"
+        shown = SHOWN_REGIMES if not self.console.is_terminal or self.console.width >= WIDE else 2
+        ranked = sorted(progress.regimes.items(), key=lambda item: -item[1])[:shown]
         regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in ranked if count)
         if progress.quarantined:
             regimes += f", quarantined {progress.quarantined}"
@@ -63,7 +68,7 @@ class Display:
             self._plain(f"{progress.done}/{progress.planned} cells, {speed}; {regimes}", now)
             return
         if self._bar is None:
-            columns = (BarColumn(30), MofNCompleteColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn())
+            columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn())
             self._bar = Bar(*columns, TextColumn("[dim]{task.fields[regimes]}"), console=self.console)
             self._task = self._bar.add_task("", total=progress.planned, speed="", regimes="")
             self._bar.start()

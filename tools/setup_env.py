@@ -8,6 +8,7 @@ from; a part is made again when that changed.
 import argparse
 import contextlib
 import fcntl
+import glob
 import hashlib
 import json
 import os
@@ -182,7 +183,7 @@ def create(uv, home):
 
 def install(uv, arguments, what):
     if uv:
-        command = [uv, "pip", "install", "--quiet", "--python", PYTHON]
+        command = [uv, "pip", "install", "--quiet", "--compile-bytecode", "--python", PYTHON]
     else:
         command = [PYTHON, "-m", "pip", "--disable-pip-version-check", "install", "-qq", "--no-warn-script-location"]
     run([*command, "--constraint", "constraints.txt", *arguments], what)
@@ -271,6 +272,9 @@ def warm(record):
         return
     run([PYTHON, "-m", "bow_sim.warm"], "compiling the kernels")
     run([PYTHON, "-m", "bow_classifier.warm"], "compiling the classifier")
+    # Seven processes start at every sweep: none shall compile its sources again where PYTHONDONTWRITEBYTECODE is set.
+    messages = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages", "bow_msgs"))
+    run([PYTHON, "-m", "compileall", "-q", "bow_sim", "bow_classifier", "bow_sweep", *messages], "compiling the nodes")
     record["kernels"] = stamp
     write_record(record)
 

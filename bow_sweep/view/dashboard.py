@@ -137,9 +137,10 @@ class DashboardNode(BowNode):
         except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
-        self.become(Health.BUSY, f"writes {directory / FILE}", run)
-        if port:
-            self.get_logger().info(f"watch with: rerun --connect {self._show.board.uri}")
+        watch = f"watch with: rerun --connect {self._show.board.uri}" if port else ""
+        self.become(Health.BUSY, f"writes {directory / FILE}" + (f"; {watch}" if watch else ""), run)
+        if watch:
+            self.get_logger().info(watch)
         if port and self._view:
             self._open_viewer(self._show.board.uri)
         early, self._early = self._early, None
