@@ -13,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from . import leftovers
+
 MODULES = {
     "coordinator": "bow_sweep.coordinator",
     "simulator": "bow_sim.node",
@@ -32,6 +34,9 @@ CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
 
+LOOK_S = 0.5
+"""Between two looks at what shared memory the processes have."""
+
 PR_SET_PDEATHSIG = 1
 
 
@@ -48,6 +53,7 @@ class Child:
     process: subprocess.Popen[bytes]
     log: Path
     started: float = field(default_factory=time.monotonic)
+    locks: set[Path] = field(default_factory=set)  # of its shared memory, see .leftovers
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,7 @@ class Supervisor:
         self.children: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
+        self._looked = 0.0
         logs.mkdir(parents=True, exist_ok=True)
 
     def start(self, role: str) -> Child:
@@ -119,6 +126,12 @@ class Supervisor:
         """Return the processes that have ended since the last call; they are no longer children."""
         gone = [Death(child, status) for child in self.children if (status := child.process.poll()) is not None]
         self.children = [child for child in self.children if child.process.returncode is None]
+        for death in gone:
+            leftovers.remove(death.child.locks)
+        if time.monotonic() - self._looked > LOOK_S:
+            self._looked = time.monotonic()
+            for child in self.children:
+                child.locks |= leftovers.locks_of(child.process.pid)
         return gone
 
     def revive(self, death: Death) -> Child:

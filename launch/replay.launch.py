@@ -52,7 +52,7 @@ def graph(context: LaunchContext) -> List[LaunchDescriptionEntity]:
     if value["view"].lower() not in ("true", "false"):
         raise RuntimeError(f"view:={value['view']}: true or false is needed")
     # The pictures of the replay go beside the run, not into it: what a run directory holds was recorded.
-    picture = {"runs_dir": os.path.dirname(run), "view": value["view"].lower() == "true"}
+    picture = {"runs_dir": os.path.join(os.path.dirname(run), "replays"), "view": value["view"].lower() == "true"}
     play = ["ros2", "bag", "play", bag, "--rate", value["rate"], "--delay", str(DISCOVERY_S)]
     play += ["--disable-keyboard-controls", "--topics", *(f"{old}/{name}" for name in PLAYED)]
     play += ["--remap", *(f"{old}/{name}:={new}/{name}" for name in PLAYED)]

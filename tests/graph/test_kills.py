@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from graph import SMALL, TINY, assert_same_map, orphans, sweeping, verified
 
+from bow_sweep.leftovers import locks_of
+
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
@@ -21,6 +23,24 @@ def test_the_sweep_goes_on_by_itself_after_a_kill(role: str, undisturbed: Path, 
     verified(run)
     assert_same_map(undisturbed, run)
     assert orphans(run) == []
+
+
+def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_path: Path) -> None:
+    others = Path("/dev/shm/fastrtps_0123456789abcdef_el")  # not ours: nobody of the graph had it open
+    others.touch()
+    run = tmp_path / "run"
+    try:
+        with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+            sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+            locks = locks_of(sweep.children("simulator")[0].pid)
+            sweep.kill("simulator")
+            assert sweep.wait() == 0, sweep.text
+        assert locks
+        assert not [lock for lock in locks if lock.exists()]
+        assert not [lock for lock in locks if lock.with_name(lock.name.removesuffix("_el")).exists()]
+        assert others.exists()
+    finally:
+        others.unlink()
 
 
 @pytest.mark.parametrize("role", ["simulator", "classifier", "recorder"])
