@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from bow_sim.files import replacing
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",
@@ -109,14 +110,6 @@ def save(figure: Figure, path: str | Path) -> None:
     """
     place = check_path(path)
     kind = place.suffix.lower()
-    aside = place.with_name(f".{place.name}.part")
     options: Any = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
-    try:
-        with style(), open(aside, "wb") as file:  # the salt of an .svg's identifiers is read now
-            figure.savefig(file, **options)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, place)
-    except BaseException:
-        aside.unlink(missing_ok=True)
-        raise
+    with style(), replacing(place) as file:  # the salt of an .svg's identifiers is read now
+        figure.savefig(file, **options)

@@ -19,6 +19,7 @@ from bow_sim.model import MODELS, ParameterError, Parameters
 from bow_sim.taps import embed_files
 
 from . import commands_paper
+from .display import percentages
 from .plan import X_AXIS, Y_AXIS, Sweep, presets
 
 DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -266,23 +267,10 @@ def _add_run_commands(commands: Any) -> None:
 _REPLAY_HELP = "a threshold, repeatable: correlation=0.9, slip=0.05, corner=0.35, preset=trial"
 
 
-def _progress(what: str) -> Any:
-    """Return a callback (done, total) that shows progress on stderr, once a job takes over two seconds."""
-    began, last = time.monotonic(), [time.monotonic()]
-
-    def show(done: float, total: float) -> None:
-        now = time.monotonic()
-        if now - began > 2 and now - last[0] > 1:
-            last[0] = now
-            print(f"{what}: {100 * done / max(total, 1):.0f} %", file=sys.stderr)
-
-    return show
-
-
 def _verify(args: argparse.Namespace) -> int:
     from .record.verify import verify
 
-    result = verify(args.directory, progress=_progress("verify"))
+    result = verify(args.directory, progress=percentages("verify"))
     print(json.dumps(result, indent=2))
     return DONE if result["ok"] else FAILED
 
@@ -291,7 +279,7 @@ def _replay(args: argparse.Namespace) -> int:
     from .record.replay import replay
 
     try:
-        result = replay(args.directory, settings=args.settings, progress=_progress("replay"))
+        result = replay(args.directory, settings=args.settings, progress=percentages("replay"))
     except (ParameterError, OSError, ValueError) as error:
         return _fail(str(error))
     print(json.dumps(result, indent=2))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from bow_sim.files import replacing
+from bow_sweep.display import percentages
 
 DONE, FAILED, USAGE = 0, 1, 2
 
@@ -124,7 +124,7 @@ def _validate(args: argparse.Namespace) -> int:
     from .view.maps import MapFileError
 
     try:
-        report = validate(args.runs, _progress())
+        report = validate(args.runs, percentages("validate"))
     except MapFileError as error:
         return _fail(str(error))
     width = min(max(shutil.get_terminal_size((120, 24)).columns, 60), 140)
@@ -132,30 +132,9 @@ def _validate(args: argparse.Namespace) -> int:
     for path, text in ((args.json, report.to_json()), (args.markdown, report.to_markdown())):
         if path is not None:
             try:
-                _write(path, text)
+                with replacing(path) as file:
+                    file.write(text.encode())
             except OSError as error:
                 return _fail(f"{path}: cannot be written: {error.strerror}")
             print(f"wrote {path}")
     return DONE if report.ok else FAILED
-
-
-def _write(path: Path, text: str) -> None:
-    aside = path.with_name(f".{path.name}.part")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
-def _progress() -> Callable[[float, float], None]:
-    """Return a callback (done, total) that shows progress on stderr, once the job takes over two seconds."""
-    began, last = time.monotonic(), [time.monotonic()]
-
-    def show(done: float, total: float) -> None:
-        now = time.monotonic()
-        if now - began > 2 and now - last[0] > 1:
-            last[0] = now
-            print(f"validate: {100 * done / max(total, 1):.0f} %", file=sys.stderr)
-
-    return show

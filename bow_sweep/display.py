@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from rich.console import Console
@@ -13,6 +15,20 @@ PLAIN_EVERY_S = 2.0
 SHOWN_REGIMES = 4
 WIDE = 130
 """Columns of a terminal on which `SHOWN_REGIMES` regimes find room; a narrower one shows two."""
+
+
+def percentages(what: str) -> Callable[[float, float], None]:
+    """Return a callback (done, total) that prints how far `what` is, once it takes over two seconds."""
+    began = last = time.monotonic()
+
+    def show(done: float, total: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - began > PLAIN_EVERY_S and now - last > PLAIN_EVERY_S / 2:
+            last = now
+            print(f"{what}: {100 * done / max(total, 1):.0f} %", file=sys.stderr)
+
+    return show
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from bow_classifier.regime import REGIMES
+from bow_sim.files import replacing
 from bow_sim.kernel import fingerprint
 from bow_sim.model import ParameterError
 
@@ -40,16 +41,6 @@ VERSIONS_OF = (
 
 class RunError(Exception):
     """A run directory cannot be used as asked; the message says which, why, and what would be right."""
-
-
-def write_aside(path: Path, text: str) -> None:
-    """Write a text file so that readers see the old one or the new one, never half of it."""
-    aside = path.with_name(f".{path.name}.part")
-    with open(aside, "w") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(aside, path)
 
 
 def lock(directory: Path, role: str) -> int:
@@ -223,7 +214,8 @@ class Run:
             "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
             **extra,
         }
-        write_aside(self.directory / REPORT, json.dumps(report, indent=2) + "\n")
+        with replacing(self.directory / REPORT) as file:
+            file.write(json.dumps(report, indent=2).encode() + b"\n")
         return report
 
     def close(self) -> None:

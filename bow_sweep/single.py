@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import wave
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bow_sim.files import replacing
 from bow_sim.model import Parameters
 
 Waveforms = Mapping[str, np.ndarray]
@@ -46,24 +46,20 @@ def describe(parameters: Parameters, waveforms: Waveforms) -> str:
 
 def save_npz(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
     """Write the waveforms and the settings as a NumPy archive, whole or not at all."""
-    aside = path.with_name(f".{path.name}.part")
-    with open(aside, "wb") as file:
-        arrays: dict[str, Any] = {"settings": np.array(parameters.settings()), **waveforms}
+    arrays: dict[str, Any] = {"settings": np.array(parameters.settings()), **waveforms}
+    with replacing(path) as file:
         np.savez_compressed(file, **arrays)
-    os.replace(aside, path)
 
 
 def save_wav(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
     """Write the bridge force as 16-bit sound at the simulation's sampling rate, loudest sample at full scale."""
     force = waveforms["bridge_force"] - np.mean(waveforms["bridge_force"])
     scaled = np.round(32767 * force / max(np.max(np.abs(force)), 1e-300)).astype("<i2")
-    aside = path.with_name(f".{path.name}.part")
-    with wave.open(str(aside), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(round(parameters.sample_rate))
-        file.writeframes(scaled.tobytes())
-    os.replace(aside, path)
+    with replacing(path) as file, wave.open(file, "wb") as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(2)
+        sound.setframerate(round(parameters.sample_rate))
+        sound.writeframes(scaled.tobytes())
 
 
 def draw(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
@@ -97,6 +93,5 @@ def draw(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
         f"{p.model.replace('_', '/')}, $v_{{mid}}$ = {p.v_mid:g}, $f_{{asym}}$ = {p.f_asym:g}, "
         f"$f_{{init}}/f_{{asym}}$ = {p.f_init_ratio:g}, $\\beta$ = {p.bow_bridge}/{p.period}"
     )
-    aside = path.with_name(f".{path.stem}.part{path.suffix}")
-    figure.savefig(aside, dpi=150)
-    os.replace(aside, path)
+    with replacing(path) as file:
+        figure.savefig(file, format=path.suffix[1:], dpi=150)

@@ -6,11 +6,12 @@ files, in MCAP's `sequence` field: a message that is taken out leaves a gap.
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
+
+from bow_sim.files import replacing
 
 from .mcapfile import McapWriter
 from .metadata import FileInfo, records, render
@@ -64,23 +65,10 @@ def _number(name: str) -> int:
     return int(match[1]) if match else 0
 
 
-def write_aside(path: Path, text: str) -> None:
-    """Replace a text file: a reader sees the old one or the new one, whatever dies meanwhile."""
-    aside = path.with_name(f".{path.name}.part")
-    try:
-        with open(aside, "w") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    except OSError:
-        aside.unlink(missing_ok=True)
-        raise
-
-
 def write_metadata(directory: Path, files: Sequence[FileInfo]) -> None:
     """Write metadata.yaml for the files of a bag."""
-    write_aside(directory / METADATA, render(files))
+    with replacing(directory / METADATA) as file:
+        file.write(render(files).encode())
 
 
 def label(channel_topic: str, message: Message, path: Path) -> BagMessage:

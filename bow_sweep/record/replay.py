@@ -7,7 +7,6 @@ them, in ``verdicts-<hash>.npz``, never over them.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from bow_classifier.regime import HELMHOLTZ, REGIMES, Thresholds
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
 from bow_sim import wire
+from bow_sim.files import replacing
 from bow_sim.model import ParameterError, parse_settings
 
 from .bag import FOLDER, BagError, bag_files, bag_of, label
@@ -207,24 +207,16 @@ def _write(run_directory: Path, task: Task, layers: dict[str, np.ndarray]) -> Pa
         path = directory / f"verdicts-{task.thresholds.hash}.npz"
     else:
         path = directory.parent / f"verdicts-{task.thresholds.hash}.npz"  # a bag was named, not its run
-    aside = path.with_name(f".{path.name}.part")
-    try:
-        with open(aside, "wb") as file:
-            np.savez_compressed(
-                file,
-                run_id=task.run_id,
-                sweep_id=task.sweep_id,
-                classifier=task.thresholds.hash,
-                thresholds=np.array(task.thresholds.settings()),
-                regime_names=np.array(REGIMES),
-                **layers,  # type: ignore[arg-type]  # all arrays
-            )
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    except OSError:
-        aside.unlink(missing_ok=True)
-        raise
+    with replacing(path) as file:
+        np.savez_compressed(
+            file,
+            run_id=task.run_id,
+            sweep_id=task.sweep_id,
+            classifier=task.thresholds.hash,
+            thresholds=np.array(task.thresholds.settings()),
+            regime_names=np.array(REGIMES),
+            **layers,  # type: ignore[arg-type]  # all arrays
+        )
     return path
 
 

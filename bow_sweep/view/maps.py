@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bow_sim.files import replacing
 from bow_sim.model import CHUNK_PERIODS
 
 from .layers import PENDING, TEST_LAYERS, Plane
@@ -128,7 +128,8 @@ def write_map_npz(path: str | Path, result: MapFile) -> None:
     for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
         # the parameter `period` shares its name with a test; its axis is stored as axis_period
         arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
-    _write_aside(Path(path), lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
+    with replacing(path) as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def read_map_npz(path: str | Path) -> MapFile:
@@ -232,19 +233,5 @@ def _save(path: Path, figure: Any) -> None:
 
     kind = path.suffix.lower()
     save = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
-    with style():  # the salt of an .svg's identifiers is read now
-        _write_aside(path, lambda file: figure.savefig(file, **save))
-
-
-def _write_aside(path: Path, write: Callable[[IO[bytes]], Any]) -> None:
-    """Write through a file beside `path`, then put it in its place."""
-    aside = path.with_name(f".{path.name}.part")
-    try:
-        with open(aside, "wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    except BaseException:
-        aside.unlink(missing_ok=True)
-        raise
+    with style(), replacing(path) as file:  # the salt of an .svg's identifiers is read now
+        figure.savefig(file, **save)

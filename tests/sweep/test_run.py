@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from bow_classifier.regime import REGIMES
+from bow_sim.files import replacing
 from bow_sweep.basin import HELMHOLTZ, Basin
 from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
-from bow_sweep.run import LEDGER, Run, RunError, lock, read_ledger, write_aside
+from bow_sweep.run import LEDGER, Run, RunError, lock, read_ledger
 
 SMALL = ["x.count=4", "y.count=2", "block_cells=4", "periods=10"]
 
@@ -110,12 +111,20 @@ def test_the_report_accounts_for_every_cell(tmp_path: Path) -> None:
     assert {"numpy", "numba", "llvmlite", "python"} <= set(report["versions"])
 
 
-def test_a_file_written_aside_is_whole_or_the_old_one(tmp_path: Path) -> None:
+def test_a_file_is_replaced_whole_or_stays_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "f"
-    write_aside(path, "old")
-    with pytest.raises(TypeError):
-        write_aside(path, None)  # type: ignore[arg-type]
-    assert path.read_text() == "old"
+    with replacing(path) as file:
+        file.write(b"old")
+
+    def die() -> None:
+        with replacing(path) as file:
+            file.write(b"ne")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        die()
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def verdict(regime: list[int]) -> dict:
