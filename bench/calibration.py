@@ -21,11 +21,11 @@ from bench.page import put
 from bow_sim.model import Parameters
 from bow_sim.reflection import gaussian
 from bow_sweep.basin import HELMHOLTZ
+from bow_sweep.claims import REPORT
 from bow_sweep.claims_maps import CLAIMS
 from bow_sweep.inprocess import compute
 from bow_sweep.papermaps import LAYOUT
 from bow_sweep.plan import Sweep
-from bow_sweep.validate import REPORT
 from bow_sweep.view.layers import transient_colours
 from bow_sweep.view.maps import MapFile
 from bow_sweep.view.sheet import MUTED, Sheet, paint, percent, style

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .claims import Claims, Found, Maps
 from .measures import (
     black_share,
     coloured,
@@ -16,7 +17,6 @@ from .measures import (
     unevenness,
 )
 from .papermaps import FIG10_PERIODS, PERIODS, other_settings
-from .validate import Claims, Found, Maps
 
 TRIAL = {"c": 0.288, "d": 0.526}
 """Helmholtz fractions of the trial implementation (PHYSICS.md section 8)."""

@@ -12,7 +12,7 @@ from bow_sim.model import Parameters
 from bow_sim.modes import gaussian_q, torsional_modes
 from bow_sim.reflection import ends
 
-from .validate import Claims, Found, Maps
+from .claims import Claims, Found, Maps
 
 TORSIONAL_Q = (25.0, 43.0, 45.0, 45.0, 40.0, 37.0, 33.0, 29.0)
 """The paper's list, modes 1 to 8 (section III.A)."""

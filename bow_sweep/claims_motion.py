@@ -10,9 +10,9 @@ from bow_sim.figures_motion import BOX, CYCLES, OTHER_FORCE, Motion, motion, par
 from bow_sim.kernel import Block
 from bow_sim.model import CHUNK_PERIODS, DTYPES, Parameters
 
+from .claims import Claims, Found, Maps
 from .inprocess import judgements
 from .single import regular_from
-from .validate import Claims, Found, Maps
 
 ONSETS = {5.5: 2224, 5.3: 2922}
 """Regular from this slip onset, by bow force (PHYSICS.md section 8, trial implementation)."""

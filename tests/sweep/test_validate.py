@@ -13,11 +13,12 @@ from bow_sim.model import Parameters
 from bow_sim.modes import transverse_modes
 from bow_sim.page import STYLE
 from bow_sweep import claims_maps, claims_modes, claims_motion, measures
+from bow_sweep.claims import FAIL, NEEDS_RUNS, PASS, REPORT
 from bow_sweep.commands_paper import add_commands
 from bow_sweep.inprocess import compute
 from bow_sweep.papermaps import LAYOUT, letter_of, recognise
 from bow_sweep.plan import Sweep
-from bow_sweep.validate import FAIL, NEEDS_RUNS, PASS, REPORT, validate
+from bow_sweep.validate import validate
 from bow_sweep.view import sheet
 from bow_sweep.view.maps import MapFile, MapFileError, write_map_npz
 
