@@ -54,7 +54,7 @@ class SimulatorNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("simulator", f"simulator_{threading.get_native_id()}")
-        self._limit = self.declare_parameter(
+        credit = self.declare_parameter(
             "credit",
             LIMIT,
             ParameterDescriptor(
@@ -68,7 +68,7 @@ class SimulatorNode(BowNode):
             ParameterDescriptor(description="cells whose bridge force also goes out on `inspect`, for the dashboard"),
         )
         self._lock = threading.Condition()
-        self._window = Window(self._limit)
+        self._window = Window(credit)
         self._goals: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._held = 0
         self._run: tuple[str, str] = ("", "")

@@ -25,7 +25,7 @@ STYLE: Any = {
     "svg.hashsalt": "bow",
     "pdf.fonttype": 42,
 }
-"""The print style of the maps (`bow_sweep.view.sheet.STYLE`), which are downstream of this room."""
+"""The print style of all figures, the maps of `bow_sweep.view` too."""
 
 MUTED = "0.35"
 BLUE, ORANGE, GREEN = "#1f4e79", "#c8551b", "#00795a"

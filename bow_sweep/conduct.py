@@ -133,7 +133,8 @@ def conduct(
     }
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
     handlers = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    rclpy.init(args=["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"], signal_handler_options=_NO_SIGNALS)
+    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
+    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     node, executor, finished = None, EventsExecutor(), False
     try:
         for role in ["coordinator", "recorder", *(["dashboard"] if dashboard is not None else [])]:
@@ -159,9 +160,6 @@ def conduct(
         rclpy.try_shutdown()
         for number, handler in handlers.items():
             signal.signal(number, handler)
-
-
-_NO_SIGNALS = SignalHandlerOptions.NO
 
 
 def _interrupt(*_: object) -> None:

@@ -188,10 +188,6 @@ class Sweep:
         iy, ix = np.divmod(cells.astype(np.int64), self.x.count)
         return {self.x.name: self.x.values()[ix], self.y.name: self.y.values()[iy]}
 
-    def judged_by(self, thresholds: Thresholds) -> Sweep:
-        """Return the same sweep with other thresholds."""
-        return replace(self, thresholds=thresholds)
-
 
 def _integer(key: str, value: Any) -> int:
     try:

@@ -30,12 +30,6 @@ TESTS = {
 """Arrays of map.npz that hold a value for every test of every cell, and their types."""
 
 TEXTS = ("run_id", "sweep_id", "x_name", "y_name", "preset")
-METADATA: dict[str, dict[str, None]] = {
-    ".png": {"Software": None},
-    ".svg": {"Date": None},
-    ".pdf": {"CreationDate": None},
-}
-"""Kinds of pictures, and what is left out of each file so that the same map gives the same bytes."""
 
 
 class MapFileError(ValueError):
@@ -221,6 +215,8 @@ def _listed(numbers: list[int]) -> str:
 
 
 def _drawable(path: str | Path) -> Path:
+    from bow_sim.page import METADATA
+
     path = Path(path)
     if path.suffix.lower() not in METADATA:
         known = ", ".join(METADATA)
@@ -229,9 +225,6 @@ def _drawable(path: str | Path) -> Path:
 
 
 def _save(path: Path, figure: Any) -> None:
-    from .sheet import style
+    from bow_sim.page import save
 
-    kind = path.suffix.lower()
-    save = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
-    with style(), replacing(path) as file:  # the salt of an .svg's identifiers is read now
-        figure.savefig(file, **save)
+    save(figure, path)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bow_sim.model import CHUNK_PERIODS
+from bow_sim.page import MUTED, style
 
 from .layers import (
     BLACK,
@@ -24,7 +25,7 @@ from .layers import (
     transient_colours,
     viridis,
 )
-from .sheet import MUTED, Sheet, cell_pixels, label, lengths_of, paint, percent, style, titles
+from .sheet import Sheet, cell_pixels, label, lengths_of, paint, percent, titles
 
 MAP_PIXELS = (1280, 640)
 """The map of the main picture: 6.4 by 3.2 inches, the paper's two to one."""

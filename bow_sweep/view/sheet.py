@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,22 +17,6 @@ from .layers import MODEL_NAMES, Plane, transient_colours
 
 UNIT_DPI = 200
 """Lengths on a sheet are pixels at this resolution."""
-
-STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "mathtext.fontset": "dejavusans",
-    "font.size": 8.5,
-    "axes.titlesize": 9.5,
-    "axes.labelsize": 9,
-    "axes.linewidth": 0.7,
-    "xtick.major.width": 0.7,
-    "ytick.major.width": 0.7,
-    "xtick.minor.width": 0.5,
-    "ytick.minor.width": 0.5,
-    "svg.hashsalt": "bow",
-    "pdf.fonttype": 42,
-}
-MUTED = "0.35"
 
 
 class Sheet:
@@ -80,11 +62,6 @@ class Sheet:
         bar.set_yticks(np.unique([CHUNK_PERIODS, *np.arange(step, plane.periods + 1, step)]))
         bar.set_ylabel("transient length (periods)")
         return bar
-
-
-def style() -> AbstractContextManager[None]:
-    """Return the settings of print, for as long as a figure is built."""
-    return mpl.rc_context(STYLE)
 
 
 def lengths_of(plane: Plane) -> np.ndarray:

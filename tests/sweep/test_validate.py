@@ -3,10 +3,12 @@ import functools
 import json
 from dataclasses import replace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 from bow_classifier.regime import REGIMES
+from bow_sim import page
 from bow_sim.figures_linear import models
 from bow_sim.figures_motion import motion
 from bow_sim.model import Parameters
@@ -19,7 +21,7 @@ from bow_sweep.inprocess import compute
 from bow_sweep.papermaps import LAYOUT, letter_of, recognise
 from bow_sweep.plan import Sweep
 from bow_sweep.validate import validate
-from bow_sweep.view import sheet
+from bow_sweep.view import pictures
 from bow_sweep.view.maps import MapFile, MapFileError, write_map_npz
 
 X, Y = np.geomspace(0.5, 20, 128), np.linspace(0, 2, 64)
@@ -305,4 +307,6 @@ def test_maps_are_sorted_into_the_papers_layout(tmp_path, capsys, monkeypatch):
 
 
 def test_line_figures_and_maps_are_printed_in_one_style():
-    assert STYLE == sheet.STYLE
+    assert pictures.style is page.style
+    with pictures.style():
+        assert {name: mpl.rcParams[name] for name in STYLE} == STYLE | {"font.family": ["DejaVu Sans"]}
