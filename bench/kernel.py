@@ -15,7 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bow_sim.kernel import Block, fingerprint
+from bow_sim.identity import fingerprint
+from bow_sim.kernel import Block
 from bow_sim.model import Parameters
 
 LANES = 128

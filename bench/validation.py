@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bench.page import put
 from bow_sim.figures import FIGURES, figure
-from bow_sim.kernel import fingerprint
+from bow_sim.identity import fingerprint
 from bow_sim.page import save
 from bow_sweep.validate import validate
 

@@ -16,8 +16,9 @@ from bow_sim.model import Parameters
 
 from .corners import corners
 from .periodicity import periodicity
-from .regime import HELMHOLTZ, Thresholds, decide
+from .regime import decide
 from .slips import Intervals, Unfinished, slips
+from .thresholds import HELMHOLTZ, Thresholds
 
 
 @dataclass(frozen=True)

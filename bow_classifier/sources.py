@@ -12,12 +12,13 @@ import functools
 import hashlib
 from pathlib import Path
 
-from bow_sim import compiled, simd
+import bow_sim
 
+HERE = ("corners", "judge", "periodicity", "regime", "slips", "thresholds")
+THERE = ("simd", "compiled")
 SOURCES = (
-    *(Path(__file__).with_name(f"{name}.py") for name in ("corners", "judge", "periodicity", "regime", "slips")),
-    Path(simd.__file__),
-    Path(compiled.__file__),
+    *(Path(__file__).with_name(f"{name}.py") for name in HERE),
+    *(Path(bow_sim.__file__).with_name(f"{name}.py") for name in THERE),
 )
 """Files that decide a verdict."""
 

@@ -17,7 +17,7 @@ from bow_sim.model import ParameterError, Parameters
 from bow_sim.spec import Spec, axis_values, split
 
 from .judge import Geometry
-from .regime import Thresholds
+from .thresholds import Thresholds
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 from bow_sim.model import CHUNK_PERIODS
 
 from .judge import BlockJudge, Geometry
-from .regime import Thresholds
 from .slips import Intervals
+from .thresholds import Thresholds
 
 
 def warm() -> None:

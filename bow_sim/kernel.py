@@ -6,27 +6,18 @@ in the loop is exactly rounded and none is fused or reordered.
 
 from __future__ import annotations
 
-import functools
-import hashlib
-import platform
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import llvmlite
-import llvmlite.binding
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim import friction, gesture, loop
 from bow_sim.cells import Cells, cells
+from bow_sim.identity import source_hash
 from bow_sim.model import Parameters
 from bow_sim.simd import LANES, aligned
 from bow_sim.taps import Reflection
-
-SOURCES = ("kernel", "loop", "rows", "simd", "compiled", "friction", "gesture", "reflection", "taps", "cells", "model")
-"""The modules that decide the numbers."""
 
 STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
 """Numbers of taps (bridge, nut, torsion at bridge and nut) with a kernel of their own: delta/Cremer and stiff/Cremer.
@@ -35,24 +26,6 @@ Everything else shares one kernel that takes any number; it is slower, and compi
 
 TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
 """What :func:`transient` returns, in the order of the kernel's traces."""
-
-
-@functools.cache
-def source_hash() -> str:
-    """Hash of the sources that decide the numbers, 16 hex digits."""
-    digest = hashlib.sha256()
-    for name in SOURCES:
-        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
-    return digest.hexdigest()[:16]
-
-
-@functools.cache
-def fingerprint() -> str:
-    """What two simulators must share to give the same bytes: sources, compilers, libraries and CPU, one line."""
-    features = llvmlite.binding.get_host_cpu_features().flatten()
-    cpu = f"{llvmlite.binding.get_host_cpu_name()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
-    libraries = f"numba-{numba.__version__} llvmlite-{llvmlite.__version__} numpy-{np.__version__}"
-    return f"source-{source_hash()} {libraries} {'-'.join(platform.libc_ver())} {cpu}"
 
 
 _advance = loop.build(int(source_hash()[:15], 16))

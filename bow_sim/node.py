@@ -23,7 +23,8 @@ from rclpy.publisher import Publisher
 
 from . import wire
 from .credit import LIMIT, Window
-from .kernel import Block, ChunkResult, fingerprint
+from .identity import fingerprint
+from .kernel import Block, ChunkResult
 from .model import ParameterError
 from .ros import INSPECT, LATCHED, STREAM, BowNode, live, publish_surely
 from .spec import split

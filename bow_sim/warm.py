@@ -9,7 +9,8 @@ import argparse
 import time
 from collections.abc import Sequence
 
-from bow_sim.kernel import Block, fingerprint, transient
+from bow_sim.identity import fingerprint
+from bow_sim.kernel import Block, transient
 from bow_sim.model import CHUNK_PERIODS, DTYPES, Parameters
 
 

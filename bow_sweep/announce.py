@@ -12,8 +12,8 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Image
 
-from bow_classifier.regime import REGIMES
-from bow_sim.kernel import fingerprint
+from bow_classifier.thresholds import REGIMES
+from bow_sim.identity import fingerprint
 
 from .basin import Basin
 from .ledger import State

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.regime import REGIMES
+from bow_classifier.thresholds import REGIMES
 from bow_sim.model import CHUNK_PERIODS
 
 PENDING = 255

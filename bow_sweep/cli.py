@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bow_classifier.regime import Thresholds
+from bow_classifier.thresholds import Thresholds
 from bow_sim.model import MODELS, ParameterError, Parameters
 from bow_sim.taps import embed_files
 

@@ -15,7 +15,7 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from bow_classifier.regime import REGIMES
+from bow_classifier.thresholds import REGIMES
 from bow_classifier.warm import warm as warm_classifier
 from bow_sim import wire
 from bow_sim.kernel import Block

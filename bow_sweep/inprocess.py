@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bow_classifier.judge import BlockJudge, Geometry, Judgement
-from bow_classifier.regime import Thresholds
 from bow_classifier.slips import Intervals
+from bow_classifier.thresholds import Thresholds
 from bow_sim.kernel import Block
 from bow_sim.model import Parameters
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from bow_classifier.regime import Thresholds
-from bow_sim.kernel import source_hash
+from bow_classifier.thresholds import Thresholds
+from bow_sim.identity import source_hash
 from bow_sim.model import SWEEPABLE, TYPES, ParameterError, Parameters, parse_settings
 from bow_sim.spec import axis_values, split
 

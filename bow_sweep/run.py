@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.regime import REGIMES
+from bow_classifier.thresholds import REGIMES
 from bow_sim.files import replacing
-from bow_sim.kernel import fingerprint
+from bow_sim.identity import fingerprint
 from bow_sim.model import ParameterError
 
 from .basin import Basin

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.regime import HELMHOLTZ, REGIMES, Thresholds
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
+from bow_classifier.thresholds import HELMHOLTZ, REGIMES, Thresholds
 from bow_sim import wire
 from bow_sim.files import replacing
 from bow_sim.model import ParameterError, parse_settings

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.regime import HELMHOLTZ
+from bow_classifier.thresholds import HELMHOLTZ
 from bow_sim.model import CHUNK_PERIODS, ParameterError
 from bow_sim.wire import RECEIPT_STREAMS, RECEIPT_VERDICTS
 

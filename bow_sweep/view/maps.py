@@ -68,7 +68,7 @@ class MapFile(Plane):
         not_computed
             (ny * nx,) bool: cells that are not done (quarantined or outstanding), whatever is known of them.
         """
-        from bow_classifier.regime import REGIMES
+        from bow_classifier.thresholds import REGIMES
 
         shape = (basin.ny, basin.nx)
         layers = {**basin.layers, "helmholtz": basin.layers["regime"] == REGIMES.index("helmholtz")}

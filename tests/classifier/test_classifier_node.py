@@ -18,8 +18,8 @@ from rclpy.serialization import deserialize_message
 
 from bow_classifier.judge import BlockJudge, Geometry
 from bow_classifier.node import ClassifierNode
-from bow_classifier.regime import Thresholds
 from bow_classifier.slips import Intervals
+from bow_classifier.thresholds import Thresholds
 from bow_sim import wire
 from bow_sim.kernel import Block
 from bow_sim.model import Parameters

@@ -25,8 +25,9 @@ from reference import periodicity as slow_periodicity
 from reference import slips as slow_slips
 
 from bow_classifier.judge import BlockJudge, Geometry
-from bow_classifier.regime import REGIMES, Thresholds, history
+from bow_classifier.regime import history
 from bow_classifier.slips import Intervals
+from bow_classifier.thresholds import REGIMES, Thresholds
 from bow_sim.kernel import Block
 from bow_sim.model import Parameters
 

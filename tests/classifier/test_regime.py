@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from bow_classifier import regime
-from bow_classifier.regime import REGIMES, THRESHOLD_PRESETS, Thresholds, decide, history
+from bow_classifier.regime import decide, history
+from bow_classifier.thresholds import REGIMES, THRESHOLD_PRESETS, Thresholds
 from bow_sim.model import ParameterError
 
 

@@ -23,7 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bow_sim import wire
-from bow_sim.kernel import fingerprint
+from bow_sim.identity import fingerprint
 from bow_sim.ros import STREAM
 from bow_sweep.plan import Sweep
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import recording
 
-from bow_classifier.regime import Thresholds
+from bow_classifier.thresholds import Thresholds
 from bow_sim.model import ParameterError
 from bow_sweep.record.bag import BagError, bag_files
 from bow_sweep.record.replay import changed, load_verdicts, replay

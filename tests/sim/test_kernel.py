@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scalar_string import intervals, simulate
 
-from bow_sim.kernel import SOURCES, TRACES, Block, fingerprint, source_hash, transient
+from bow_sim.identity import SOURCES, fingerprint, source_hash
+from bow_sim.kernel import TRACES, Block, transient
 from bow_sim.model import GESTURES, MODELS, ParameterError, Parameters
 
 MAIN = ("delta_cremer", "stiff_cremer")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bow_classifier.regime import REGIMES
+from bow_classifier.thresholds import REGIMES
 from bow_sim.files import replacing
 from bow_sweep.basin import HELMHOLTZ, Basin
 from bow_sweep.ledger import State

@@ -81,7 +81,7 @@ def test_an_npz_of_something_else_is_refused_by_the_missing_array(tmp_path):
 
 
 def test_the_coordinators_verdicts_become_a_map():
-    from bow_classifier.regime import REGIMES as NAMES
+    from bow_classifier.thresholds import REGIMES as NAMES
     from bow_sweep.basin import Basin
     from bow_sweep.plan import Sweep
     from bow_sweep.view.maps import MapFile
