@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from bow_classifier import regime
+from bow_classifier import thresholds
 from bow_classifier.regime import decide, history
 from bow_classifier.thresholds import REGIMES, THRESHOLD_PRESETS, Thresholds
 from bow_sim.model import ParameterError
@@ -44,7 +44,7 @@ def test_the_hash_follows_thresholds_and_sources(monkeypatch):
     assert re.fullmatch("[0-9a-f]{16}", Thresholds().hash)
     assert Thresholds().hash == Thresholds(correlation=0.95).hash != Thresholds(correlation=0.94).hash
     before = Thresholds().hash
-    monkeypatch.setattr(regime, "source_hash", lambda: "another source")
+    monkeypatch.setattr(thresholds, "source_hash", lambda: "another source")
     assert Thresholds().hash != before
 
 
