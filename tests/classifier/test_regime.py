@@ -16,7 +16,7 @@ def test_codes_of_regimes_are_in_bags_and_never_change():
     codes = ("no_oscillation", "helmholtz", "multiple_slip", "multiple_flyback", "other_periodic", "aperiodic")
     assert REGIMES[: len(codes)] == codes
     for name in REGIMES:
-        assert REGIMES[getattr(regime, name.upper())] == name
+        assert REGIMES[getattr(thresholds, name.upper())] == name
 
 
 def test_the_preset_trial_has_the_thresholds_of_the_trial_implementation():
