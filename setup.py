@@ -75,6 +75,9 @@ setup(
         "llvmlite>=0.50",  # numba's own; its version is part of the kernel's fingerprint
         "pyyaml>=6.0",
         "rich>=13.7",
+        "scikit-image>=0.22",
+        "scipy>=1.11",
+        "setproctitle>=1.3",
         "xxhash>=3.4",
         "mcap>=1.2",
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10

@@ -1,10 +1,11 @@
-"""Which kernel this is: what two simulators must share to give the same bytes, told without loading its compiler."""
+"""Who is who: which kernel this is, told without loading its compiler, and new names for runs and nodes."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import platform
+import secrets
 from importlib.metadata import version
 from pathlib import Path
 
@@ -32,3 +33,11 @@ def fingerprint() -> str:
     cpu = f"{llvmlite.binding.get_host_cpu_name()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"
     libraries = f"numba-{version('numba')} llvmlite-{version('llvmlite')} numpy-{np.__version__}"
     return f"source-{source_hash()} {libraries} {'-'.join(platform.libc_ver())} {cpu}"
+
+
+def random_id() -> str:
+    """Return a new identity for a run or an incarnation: 16 hexadecimal digits, the first a letter.
+
+    A run's namespace is named by it, and ROS names do not begin with a digit.
+    """
+    return secrets.choice("abcdef") + secrets.token_hex(8)[1:]

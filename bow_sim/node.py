@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from bow_msgs.action import Simulate
-from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip, Verdicts
+from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.duration import Duration
@@ -87,7 +87,6 @@ class SimulatorNode(BowNode):
         self.create_subscription(Plan, "plan", self._on_plan, LATCHED)
         self.create_subscription(Health, "health", self._on_health, LATCHED)
         self.create_subscription(Receipt, "receipts", self._on_receipts, STREAM, raw=True)
-        self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
         self._server = ActionServer(
             self,
             Simulate,
@@ -167,6 +166,7 @@ class SimulatorNode(BowNode):
     # ---- answers
 
     def _on_receipts(self, data: bytes) -> None:
+        """Take the recorder's answers, for chunks and for the verdicts on them: one message for many."""
         try:
             receipt = wire.decode("Receipt", data)
         except wire.WireError:
@@ -174,22 +174,11 @@ class SimulatorNode(BowNode):
             return
         if (receipt["run_id"], receipt["sweep_id"]) != self._run:
             return
-        streams = receipt["kind"] == wire.RECEIPT_STREAMS
+        judged = (receipt["kind"] == wire.RECEIPT_VERDICTS).tolist()
+        now = time.monotonic()
         with self._lock:
-            for key in zip(receipt["block"][streams].tolist(), receipt["chunk"][streams].tolist(), strict=True):
-                self._window.answered(key, time.monotonic(), receipted=True)
-            self._lock.notify_all()
-
-    def _on_verdicts(self, data: bytes) -> None:
-        try:
-            run, sweep, block, chunk, _ = wire.peek("Verdicts", data)
-        except wire.WireError:
-            self.health.ignored += 1
-            return
-        if (run, sweep) != self._run:
-            return
-        with self._lock:
-            self._window.answered((block, chunk), time.monotonic(), judged=True)
+            for block, chunk, verdict in zip(receipt["block"].tolist(), receipt["chunk"].tolist(), judged, strict=True):
+                self._window.answered((block, chunk), now, receipted=not verdict, judged=verdict)
             self._lock.notify_all()
 
     # ---- goals

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import itertools
 import os
 import resource
-import secrets
 import signal
 import socket
 import sys
@@ -25,6 +25,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+
+from .identity import random_id
 
 RCLError = rclpy_implementation.RCLError
 
@@ -45,14 +47,6 @@ HEALTH_PERIOD_S = 1.0
 
 class StartupError(Exception):
     """A node cannot start: a parameter is wrong, or a directory cannot be used. The message is for people."""
-
-
-def random_id() -> str:
-    """Return a new identity for a run or an incarnation: 16 hexadecimal digits, the first a letter.
-
-    A run's namespace is named by it, and ROS names do not begin with a digit.
-    """
-    return secrets.choice("abcdef") + secrets.token_hex(8)[1:]
 
 
 class BowNode(Node):
@@ -177,6 +171,8 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):  # our own handlers, so that a node can say goodbye
         signal.signal(number, lambda *_: stop.set())
+    gc.freeze()  # what is imported stays
+    gc.enable()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     try:

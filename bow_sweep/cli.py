@@ -18,7 +18,7 @@ from bow_classifier.thresholds import Thresholds
 from bow_sim.model import MODELS, ParameterError, Parameters
 from bow_sim.taps import embed_files
 
-from . import commands_paper
+from . import commands_compare, commands_paper
 from .display import percentages
 from .plan import X_AXIS, Y_AXIS, Sweep, presets
 
@@ -95,7 +95,7 @@ def _sweep(args: argparse.Namespace) -> int:
             plan = entries[0]
             sweep, identity, directory = Sweep.from_spec("", plan["settings"]), plan["run_id"], args.resume
         else:
-            from bow_sim.ros import random_id
+            from bow_sim.identity import random_id
 
             settings = embed_files(short + args.settings)
             sweep, identity = Sweep.from_spec(args.preset, settings), random_id()
@@ -343,6 +343,7 @@ def parser() -> argparse.ArgumentParser:
     _add_transient(commands)
     _add_run_commands(commands)
     commands_paper.add_commands(commands)
+    commands_compare.add_command(commands)
     settings = "list every setting, its default, unit, range and source"
     commands.add_parser("settings", help=settings, description=settings).set_defaults(run=_settings)
     for name in NODES:

@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
-from bow_msgs.msg import BasinMap, Health
-from rclpy.executors import Executor
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
 
-from bow_classifier.thresholds import REGIMES
-from bow_classifier.warm import warm as warm_classifier
-from bow_sim import wire
-from bow_sim.kernel import Block
-from bow_sim.ros import LATCHED, BowNode, use_local_defaults
-
-from .display import Display, Progress
+from .display import Display
 from .plan import Sweep
-from .supervisor import Death, GraphError, Supervisor, tail
+from .supervisor import Supervisor
 
 LOGS = "log"
 INSPECTED = 6
@@ -32,53 +21,6 @@ INSPECTED = 6
 
 class Interrupted(Exception):
     """The user asked for the end."""
-
-
-class SupervisorNode(BowNode):
-    """Tells the graph which of its processes have ended, and listens to how the sweep goes on."""
-
-    def __init__(self) -> None:
-        super().__init__("supervisor")
-        self.progress: Progress | None = None
-        self.failed = ""
-        self.details: dict[str, str] = {}
-        self.news: dict[str, bool] = {}  # for people; True = not yet said
-        self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Health, "health", self._on_health, LATCHED)
-        self.become(Health.READY)
-
-    def _on_map(self, data: bytes) -> None:
-        values = wire.decode("BasinMap", data)
-        counts = np.bincount(values["regime"], minlength=256)
-        self.progress = Progress(
-            done=values["cells_done"],
-            quarantined=values["cells_quarantined"],
-            planned=len(values["regime"]),
-            regimes={name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
-        )
-
-    def _on_health(self, message: Health) -> None:
-        self.details[message.role] = message.detail
-        if message.state == Health.FAILED and message.role in ("recorder", "classifier"):
-            self.failed = f"{message.role}: {message.detail}"
-        elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
-            self.news.setdefault(f"{message.node}: {message.detail}", True)
-        _, found, command = message.detail.partition("; watch with: ")
-        if found:
-            self.news.setdefault(f"watch the map grow with: {command}", True)
-
-    def bury(self, death: Death) -> None:
-        """Tell the graph that a process has ended."""
-        message = Health(
-            role=death.child.role,
-            node=f"{self.get_namespace()}/{death.child.name}",
-            pid=death.child.process.pid,
-            host=self.health.host,
-            state=Health.DEAD,
-            detail=death.cause,
-        )
-        message.stamp = self.get_clock().now().to_msg()
-        self._health_publisher.publish(message)
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
@@ -118,7 +60,6 @@ def conduct(
     Interrupted
         After Ctrl-C or SIGTERM; everything has been stopped in order.
     """
-    use_local_defaults()
     coordinator: dict[str, object] = {"once": True}
     if resume:
         coordinator["resume"] = str(directory)
@@ -133,19 +74,20 @@ def conduct(
     }
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
     handlers = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
-    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
-    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-    node, executor, finished = None, EventsExecutor(), False
+    finished = False
+    gc.disable()  # nothing that the start loads becomes garbage
     try:
-        for role in ["coordinator", "recorder", *(["dashboard"] if dashboard is not None else [])]:
+        for role in ("coordinator", "recorder"):
             supervisor.start(role)
-        Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()  # from here on the compiler's cache has it
-        warm_classifier()
+        _load_compiled(sweep)
         for role in ["classifier"] + ["simulator"] * simulators:
             supervisor.start(role)
-        node = SupervisorNode()
-        executor.add_node(node)
-        _watch(supervisor, node, executor, display)
+        if dashboard is not None:  # last, as nobody waits for it
+            supervisor.start("dashboard")
+        from .watch import watch  # it loads ROS: a process with DDS should not be copied
+
+        gc.enable()
+        watch(supervisor, display)
         finished = True
     finally:
         for number in handlers:
@@ -154,12 +96,17 @@ def conduct(
         killed = supervisor.stop(idle=finished)
         if killed:
             display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
-        executor.shutdown()
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
         for number, handler in handlers.items():
             signal.signal(number, handler)
+
+
+def _load_compiled(sweep: Sweep) -> None:
+    """Load the kernel and the tests, or compile them where they never were: processes copied from here have them."""
+    from bow_classifier.warm import warm
+    from bow_sim.kernel import Block
+
+    Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
+    warm()
 
 
 def _interrupt(*_: object) -> None:
@@ -168,23 +115,3 @@ def _interrupt(*_: object) -> None:
 
 def _second_interrupt(*_: object) -> None:
     print("\nstopping the processes; a few seconds", file=sys.stderr)
-
-
-def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display) -> None:
-    """Spin until the coordinator has finished; start again what dies."""
-    while True:
-        executor.spin_once(timeout_sec=0.05)
-        for death in supervisor.buried():
-            if death.child.role == "coordinator":
-                if death.status == 0:
-                    return
-                raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
-            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
-            node.bury(death)
-            supervisor.revive(death)
-        if node.failed:
-            raise GraphError(node.failed)
-        for line in [text for text, new in node.news.items() if new]:
-            node.news[line] = False
-            display.say(line)
-        display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())

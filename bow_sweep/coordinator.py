@@ -15,9 +15,9 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from sensor_msgs.msg import Image
 
 from bow_sim import wire
-from bow_sim.identity import fingerprint
+from bow_sim.identity import fingerprint, random_id
 from bow_sim.model import ParameterError
-from bow_sim.ros import LATCHED, STREAM, BowNode, StartupError, live, random_id
+from bow_sim.ros import LATCHED, STREAM, BowNode, StartupError, live
 
 from . import announce
 from .basin import Basin

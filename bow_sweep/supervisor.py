@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import importlib
 import os
 import signal
 import subprocess
@@ -11,9 +12,13 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
+import setproctitle
+
 from . import leftovers
+from .forked import Forked
 
 MODULES = {
     "coordinator": "bow_sweep.coordinator",
@@ -50,7 +55,7 @@ class Child:
 
     role: str
     name: str
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     log: Path
     started: float = field(default_factory=time.monotonic)
     locks: set[Path] = field(default_factory=set)  # of its shared memory, see .leftovers
@@ -72,9 +77,21 @@ class Death:
 
 
 def _die_with_parent() -> None:
-    """Run in the child before exec: get SIGTERM when the supervisor dies, and no Ctrl-C of the terminal."""
+    """Run in the child first of all: get SIGTERM when the supervisor dies, and no Ctrl-C of the terminal."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     os.setpgid(0, 0)
+
+
+def _main(name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
+    """Be a node in a copy of the supervisor: under its own name, as if the command had started it."""
+    _die_with_parent()
+    os.environ.update(environment)
+    _, _, module, *arguments = command
+    setproctitle.setproctitle(f"bow {' '.join(arguments)}")  # names first, as what has no room is cut off
+    setproctitle.setthreadtitle(name)
+    sys.argv = [module, *arguments]
+    status: int = importlib.import_module(module).main()
+    return status
 
 
 class Supervisor:
@@ -103,21 +120,27 @@ class Supervisor:
         self._count[role] = self._count.get(role, 0) + 1
         name = f"simulator_{self._count[role]}" if role == "simulator" else role
         log = self.logs / f"{name}.log"
-        with open(log, "ab") as output:
-            process = subprocess.Popen(
-                [sys.executable, "-m", MODULES[role], "--ros-args", *self._arguments(role, name)],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, "ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"},
-                preexec_fn=_die_with_parent,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
-            )
+        command = [sys.executable, "-m", MODULES[role], "--ros-args", *self._arguments(role, name)]
+        environment = {"ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"}
+        process: subprocess.Popen[bytes] | Forked
+        if "rclpy" not in sys.modules:  # from then on this process has threads of ROS that a copy would lack
+            process = Forked(partial(_main, name, command, environment), log)
+        else:
+            with open(log, "ab") as output:
+                process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    env={**os.environ, **environment},
+                    preexec_fn=_die_with_parent,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
+                )
         child = Child(role, name, process, log)
         self.children.append(child)
         return child
 
     def _arguments(self, role: str, name: str) -> list[str]:
-        arguments = ["-r", f"__ns:={self.namespace}", "-r", f"__node:={name}"]
+        arguments = ["-r", f"__node:={name}", "-r", f"__ns:={self.namespace}"]
         for key, value in self.parameters.get(role, {}).items():
             arguments += ["-p", f"{key}:={_yaml(value)}"]
         return arguments

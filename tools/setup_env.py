@@ -254,12 +254,22 @@ def sync(uv, tests):
         if "test tools" in due:
             arguments += ["--requirement", "requirements-dev.txt"]
         install(uv, arguments, "installing " + ", ".join(due))
+        compile_sources(os.path.join(VENV, "lib", "python3*", "site-packages"))
         parts.update(wanted)
     link_share()
     write_record(record)
     with contextlib.suppress(FileNotFoundError):
         os.unlink(STARTED)
     return record
+
+
+def compile_sources(*patterns):
+    """Bytecode for all sources below some folders, whatever the installer left out.
+
+    Seven processes start at every sweep: none shall compile them again, also where PYTHONDONTWRITEBYTECODE is set.
+    """
+    folders = [folder for pattern in patterns for folder in glob.glob(pattern)]
+    run([PYTHON, "-m", "compileall", "-qq", "-j", "0", *folders], "compiling Python's modules")
 
 
 def warm(record):
@@ -272,9 +282,7 @@ def warm(record):
         return
     run([PYTHON, "-m", "bow_sim.warm"], "compiling the kernels")
     run([PYTHON, "-m", "bow_classifier.warm"], "compiling the classifier")
-    # Seven processes start at every sweep: none shall compile its sources again where PYTHONDONTWRITEBYTECODE is set.
-    messages = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages", "bow_msgs"))
-    run([PYTHON, "-m", "compileall", "-q", "bow_sim", "bow_classifier", "bow_sweep", *messages], "compiling the nodes")
+    compile_sources("bow_sim", "bow_classifier", "bow_sweep")
     record["kernels"] = stamp
     write_record(record)
 

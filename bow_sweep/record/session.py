@@ -21,7 +21,7 @@ from .inventory import Answer, Inventory
 from .recover import locked, repair
 from .topics import STORED_ONCE, TOPICS, Topic
 
-COMMIT_BYTES = 1 << 20
+COMMIT_BYTES = 4 << 20
 """Bytes after which a chunk of the file is written."""
 
 COMMIT_S = 0.05
@@ -154,10 +154,9 @@ class Session:
         """Check and answer a message that is stored once; return whether it is to be stored."""
         head = read_head(data)
         self.expected.check_head(head)
+        self.expected.check(STORED_ONCE[topic], data)
         known = self.inventory.checksum(topic, head.block, head.chunk)
-        if known is None:
-            self.expected.check(STORED_ONCE[topic], data)
-        elif known != head.checksum:
+        if known not in (None, head.checksum):
             self.complaints[
                 f"{topic}: block {head.block}, chunk {head.chunk}, attempt {head.attempt} has checksum "
                 f"{head.checksum:016x}, stored is {known:016x}"

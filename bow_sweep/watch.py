@@ -1,0 +1,110 @@
+"""The node beside the processes of `bow sweep`: tells the graph which have ended, and people how the sweep goes on."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import rclpy
+from bow_msgs.msg import BasinMap, Health
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from bow_classifier.thresholds import REGIMES
+from bow_sim import wire
+from bow_sim.ros import LATCHED, BowNode, use_local_defaults
+
+from .display import Display, Progress
+from .supervisor import Death, GraphError, Supervisor, tail
+
+
+class SupervisorNode(BowNode):
+    """Tells the graph which of its processes have ended, and listens to how the sweep goes on."""
+
+    def __init__(self) -> None:
+        super().__init__("supervisor")
+        self.progress: Progress | None = None
+        self.failed = ""
+        self.details: dict[str, str] = {}
+        self.news: dict[str, bool] = {}  # for people; True = not yet said
+        self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
+        self.create_subscription(Health, "health", self._on_health, LATCHED)
+        self.become(Health.READY)
+
+    def _on_map(self, data: bytes) -> None:
+        values = wire.decode("BasinMap", data)
+        counts = np.bincount(values["regime"], minlength=256)
+        self.progress = Progress(
+            done=values["cells_done"],
+            quarantined=values["cells_quarantined"],
+            planned=len(values["regime"]),
+            regimes={name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
+        )
+
+    def _on_health(self, message: Health) -> None:
+        self.details[message.role] = message.detail
+        if message.state == Health.FAILED and message.role in ("recorder", "classifier"):
+            self.failed = f"{message.role}: {message.detail}"
+        elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
+            self.news.setdefault(f"{message.node}: {message.detail}", True)
+        _, found, command = message.detail.partition("; watch with: ")
+        if found:
+            self.news.setdefault(f"watch the map grow with: {command}", True)
+
+    def bury(self, death: Death) -> None:
+        """Tell the graph that a process has ended."""
+        message = Health(
+            role=death.child.role,
+            node=f"{self.get_namespace()}/{death.child.name}",
+            pid=death.child.process.pid,
+            host=self.health.host,
+            state=Health.DEAD,
+            detail=death.cause,
+        )
+        message.stamp = self.get_clock().now().to_msg()
+        self._health_publisher.publish(message)
+
+
+def watch(supervisor: Supervisor, display: Display) -> None:
+    """Watch over a graph and show its progress until the coordinator has finished; start again what dies.
+
+    Raises
+    ------
+    GraphError
+        Where the graph cannot go on.
+    """
+    use_local_defaults()
+    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
+    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    executor = EventsExecutor()
+    node = None
+    try:
+        node = SupervisorNode()
+        executor.add_node(node)
+        _watch(supervisor, node, executor, display)
+    finally:
+        executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display) -> None:
+    """Spin until the coordinator has finished; start again what dies."""
+    while True:
+        executor.spin_once(timeout_sec=0.05)
+        for death in supervisor.buried():
+            if death.child.role == "coordinator":
+                if death.status == 0:
+                    return
+                raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
+            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
+            node.bury(death)
+            supervisor.revive(death)
+        if node.failed:
+            raise GraphError(node.failed)
+        for line in [text for text, new in node.news.items() if new]:
+            node.news[line] = False
+            display.say(line)
+        display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())
