@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import math
 import os
 import signal
 import subprocess
@@ -50,17 +51,17 @@ class Forked:
                 self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode
 
-    def wait(self, timeout: float) -> int:
+    def wait(self, timeout: float | None = None) -> int:
         """Wait for the end.
 
         Raises
         ------
         subprocess.TimeoutExpired
-            Where it lives longer than `timeout`, seconds.
+            Where it lives longer than `timeout`, seconds; None waits for ever.
         """
-        deadline = time.monotonic() + timeout
+        deadline = time.monotonic() + (math.inf if timeout is None else timeout)
         while (status := self.poll()) is None:
-            if time.monotonic() > deadline:
+            if timeout is not None and time.monotonic() > deadline:
                 raise subprocess.TimeoutExpired(f"process {self.pid}", timeout)
             time.sleep(LOOK_S)
         return status
