@@ -87,7 +87,7 @@ def _figure(args: argparse.Namespace) -> int:
 
     try:
         if number in MAP_FIGURES:
-            _draw_maps(number, args.runs, args.out)
+            draw_maps(number, args.runs, args.out)
         else:
             from bow_sim.figures import write
 
@@ -100,7 +100,14 @@ def _figure(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _draw_maps(number: int, runs: list[Path], out: Path) -> None:
+def draw_maps(number: int, runs: list[Path], out: Path) -> None:
+    """Draw Fig 10 or 11 from runs.
+
+    Raises
+    ------
+    MapFileError
+        Where they are not the runs that the figure needs.
+    """
     from .papermaps import FIG10_PERIODS, LAYOUT, read_map, recognise
     from .view.maps import MapFileError, draw_maps, draw_tests
 

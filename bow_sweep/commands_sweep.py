@@ -8,12 +8,16 @@ import os
 import shlex
 import sys
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bow_sim.identity import random_id
 from bow_sim.model import MODELS, ParameterError
 from bow_sim.taps import embed_files
 
+from .campaign import FILE, Campaign, campaigns, report
 from .plan import Sweep, presets
 
 DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -32,13 +36,15 @@ def _cores() -> int:
 
 def add_command(commands: Any) -> None:
     """Add the parser of `sweep`; its default `run` takes the arguments."""
-    names = "\n".join(f"  {name:16} {title}" for name, title in presets().items())
+    names, more = (
+        "\n".join(f"  {name:16} {title}" for name, title in listed.items()) for listed in (presets(), campaigns())
+    )
     parser = commands.add_parser(
         "sweep",
         help="run a sweep on this machine, recorded and classified",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Start the graph on this machine (loopback only), run a sweep, and leave a run directory.",
-        epilog=f"presets:\n{names}\n\nexamples:\n"
+        epilog=f"presets:\n{names}\n\ncampaigns, several sweeps one after the other:\n{more}\n\nexamples:\n"
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
@@ -67,35 +73,80 @@ SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a refle
 _SHORT = {"model": "model", "v_mid": "v_mid", "nx": "x.count", "ny": "y.count", "periods": "periods"}
 
 
+@dataclass(frozen=True)
+class _Job:
+    """One run that is to be made, or gone on with."""
+
+    directory: Path
+    run_id: str
+    sweep: Sweep
+    resume: bool = False
+
+
 def _sweep(args: argparse.Namespace) -> int:
-    from .run import RunError, is_finished, read_ledger
+    from .run import RunError
 
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
+    if args.resume and (args.preset or short or args.settings or args.out):
+        return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
+    campaign = None
     try:
         if args.resume:
-            if args.preset or short or args.settings or args.out:
-                return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
-            entries = read_ledger(args.resume)
-            if is_finished(args.resume, entries):
-                print(f"nothing to do: every block of this run is done or quarantined\n\n{_summary(args.resume)}")
-                return DONE
-            plan = entries[0]
-            sweep, identity, directory = Sweep.from_spec("", plan["settings"]), plan["run_id"], args.resume
+            directory = args.resume.resolve()
+            if (directory / FILE).exists():
+                campaign = Campaign.in_directory(directory)
+            jobs = _unfinished(campaign, directory) if campaign else _resumed(directory)
         else:
-            from bow_sim.identity import random_id
-
             settings = embed_files(short + args.settings)
-            sweep, identity = Sweep.from_spec(args.preset, settings), random_id()
-            name = f"{args.preset or sweep.parameters.model}-{time.strftime('%Y%m%d-%H%M%S')}"
-            directory = args.out or Path("runs") / name
+            if args.preset in campaigns():
+                campaign = Campaign.of(args.preset, settings)
+                jobs = {preset: _Job(Path(preset), random_id(), sweep) for preset, sweep in campaign.sweeps().items()}
+            else:
+                jobs = {"": _Job(Path(), random_id(), Sweep.from_spec(args.preset, settings))}
+            name = args.preset or jobs[""].sweep.parameters.model
+            directory = (args.out or Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}").resolve()
             problem = _directory_problem(directory)
             if problem:
                 return fail(problem)
+            jobs = {preset: replace(job, directory=directory / preset) for preset, job in jobs.items()}
+            if campaign:
+                campaign.begin(directory)
     except (ParameterError, RunError) as error:
         return fail(str(error))
-    return _run_graph(args, sweep, identity, directory.resolve())
+    status = _run(args, directory, list(jobs.values()))
+    if status != DONE:
+        return status
+    if campaign:
+        return _conclude(campaign, directory)
+    print(("" if jobs else "nothing to do: every block of this run is done or quarantined\n\n") + _summary(directory))
+    return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
+
+
+def _resumed(directory: Path) -> dict[str, _Job]:
+    """Return what is left to do of a run: it, or nothing."""
+    from .run import is_finished, read_ledger
+
+    entries = read_ledger(directory)
+    plan = entries[0]
+    if is_finished(directory, entries):
+        return {}
+    return {"": _Job(directory, plan["run_id"], Sweep.from_spec("", plan["settings"]), True)}
+
+
+def _unfinished(campaign: Campaign, directory: Path) -> dict[str, _Job]:
+    """Return what is left to do of a campaign that was cut off."""
+    from .run import LEDGER
+
+    left: dict[str, _Job] = {}
+    for preset, sweep in campaign.sweeps().items():
+        run = directory / preset
+        if not (run / LEDGER).exists():
+            left[preset] = _Job(run, random_id(), sweep)
+        elif job := _resumed(run).get(""):
+            left[preset] = job
+    return left
 
 
 def _directory_problem(directory: Path) -> str:
@@ -114,35 +165,70 @@ def _directory_problem(directory: Path) -> str:
     return ""
 
 
-def _run_graph(args: argparse.Namespace, sweep: Sweep, identity: str, directory: Path) -> int:
+def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int:
+    """Carry out runs, one after the other, on one display."""
     from .conduct import Interrupted, conduct
     from .display import Display
     from .supervisor import GraphError
 
     display = Display()
-    p = sweep.parameters
-    display.say(
-        f"{sweep.preset or 'sweep'}: {p.model}, v_mid = {p.v_mid:g}, {sweep.x.count} x {sweep.y.count} cells, "
-        f"{p.periods} periods, {args.simulators} simulators -> {directory}"
-    )
     dashboard = None if args.no_dashboard else {"view": args.view, "port": args.port}
     again = f"go on with: bow sweep --resume {shlex.quote(str(directory))}"
+    total = sum(job.sweep.cells for job in jobs)
+    before = 0
     try:
-        conduct(
-            directory,
-            identity,
-            sweep,
-            resume=args.resume is not None,
-            simulators=args.simulators,
-            dashboard=dashboard,
-            display=display,
-        )
+        for number, job in enumerate(jobs, 1):
+            p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
+            name = job.sweep.preset or "sweep"
+            display.begin(f"{name} ({number} of {len(jobs)})" if len(jobs) > 1 else "", before, total)
+            display.say(
+                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells, {p.periods} periods, "
+                f"{args.simulators} simulators -> {job.directory}"
+            )
+            job.directory.mkdir(exist_ok=True)
+            options = {"simulators": args.simulators, "dashboard": dashboard, "display": display}
+            conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
+            before += job.sweep.cells
     except Interrupted:
+        display.stop()
         return fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
     except GraphError as error:
+        display.stop()
         return fail(f"{error}\n{again}", FAILED)
-    print(_summary(directory))
-    return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
+    display.stop()
+    return DONE
+
+
+def _conclude(campaign: Campaign, directory: Path) -> int:
+    """Report on a finished campaign, and draw the figure that it makes."""
+    from .commands_paper import draw_maps
+    from .view.maps import MapFileError
+
+    found = report(directory, campaign)
+    drawn = False
+    if campaign.figure:
+        try:
+            draw_maps(campaign.figure, [directory / preset for preset in campaign.presets], directory / "maps.png")
+            drawn = True
+        except MapFileError as error:  # the settings make it another one
+            print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
+    print(f"{campaign.title}\n")
+    for preset, run in found["runs"].items():
+        length = run["median_transient_periods"]
+        print(
+            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
+            + (f", median transient {length:g} periods" if length else "")
+        )
+    cells = found["cells"]
+    print(
+        f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
+        f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
+        + ("  maps.png        all maps, to look at\n" if drawn else "")
+        + "  report.json     all accounts\n"
+        f"  {', '.join(campaign.presets)}: a run directory each\n\n"
+        f"check one: bow verify {shlex.quote(str(directory / campaign.presets[0]))}"
+    )
+    return QUARANTINED if cells["quarantined"] else DONE
 
 
 def _report(directory: Path) -> dict[str, Any]:

@@ -92,7 +92,6 @@ def conduct(
     finally:
         for number in handlers:
             signal.signal(number, _second_interrupt)
-        display.stop()
         killed = supervisor.stop(idle=finished)
         if killed:
             display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")

@@ -57,6 +57,11 @@ class Display:
         self._first: tuple[float, int] | None = None
         self._last_plain = time.monotonic()
         self._last_text = ""
+        self._title, self._before, self._total = "", 0, 0
+
+    def begin(self, title: str, before: int, total: int) -> None:
+        """Go on with another of several runs: its name, the cells of those before it, and of all together."""
+        self._title, self._before, self._total = title, before, total
 
     def say(self, text: str) -> None:
         """Print a line, above the bar where there is one."""
@@ -69,11 +74,13 @@ class Display:
             return
         if self._first is None:
             self._first = (now, progress.done)
-        began, before = self._first
-        rate = (progress.done - before) / (now - began) if now > began else 0.0
-        left = progress.planned - progress.done - progress.quarantined
+        began, first = self._first
+        done = self._before + progress.done
+        total = max(self._total, progress.planned)
+        rate = (done - first) / (now - began) if now > began else 0.0
+        left = total - done - progress.quarantined
         speed = f"{rate:,.0f} cells/s" + (f", {left / rate:.0f} s left" if rate else "")
-        if not left:
+        if progress.done + progress.quarantined == progress.planned:
             speed = "closing the bag, drawing the map"
         shown = SHOWN_REGIMES if not self.console.is_terminal or self.console.width >= WIDE else 2
         ranked = sorted(progress.regimes.items(), key=lambda item: -item[1])[:shown]
@@ -81,14 +88,28 @@ class Display:
         if progress.quarantined:
             regimes += f", quarantined {progress.quarantined}"
         if not self.console.is_terminal:
-            self._plain(f"{progress.done}/{progress.planned} cells, {speed}; {regimes}", now)
+            name = f"{self._title}: " if self._title else ""
+            self._plain(f"{name}{done}/{total} cells, {speed}; {regimes}", now)
             return
         if self._bar is None:
-            columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.fields[speed]}"), TimeElapsedColumn())
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(20),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[speed]}"),
+                TimeElapsedColumn(),
+            )
             self._bar = Bar(*columns, TextColumn("[dim]{task.fields[regimes]}"), console=self.console)
-            self._task = self._bar.add_task("", total=progress.planned, speed="", regimes="")
+            self._task = self._bar.add_task("", total=total, speed="", regimes="")
             self._bar.start()
-        self._bar.update(self._task, completed=progress.done + progress.quarantined, speed=speed, regimes=regimes)
+        self._bar.update(
+            self._task,
+            description=self._title,
+            completed=done + progress.quarantined,
+            total=total,
+            speed=speed,
+            regimes=regimes,
+        )
 
     def _plain(self, text: str, now: float) -> None:
         if now - self._last_plain >= PLAIN_EVERY_S and text != self._last_text:
