@@ -35,7 +35,7 @@ from .ledger import (
 )
 from .plan import Sweep
 from .pool import Pool
-from .results import load_basin, write_results
+from .results import load_basin, playability_of, write_results
 from .run import Run, RunError
 
 HELP = """
@@ -146,18 +146,19 @@ class CoordinatorNode(BowNode):
         run = self._run
         assert run is not None
         wall = time.monotonic() - self._began
-        done = run.cells_in(State.DONE) - self._done_before
-        report = run.report(self._basin, wall, {"cells_this_time": done})
+        measured = playability_of(run.sweep, self._basin, run.ledger)
+        this_time = run.cells_in(State.DONE) - self._done_before
+        report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": measured})
         write_results(run.directory, run.run_id, run.sweep, self._basin, run.ledger)
-        accounts = report["cells"]
-        message = f"{accounts['done']} of {accounts['planned']} cells done, {accounts['quarantined']} quarantined"
+        cells = report["cells"]
+        message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
         if self._goal is not None:
             self._goal.bow_outcome = RunSweep.Result(
                 run_id=run.run_id,
                 sweep_id=run.sweep.sweep_id,
-                cells_planned=accounts["planned"],
-                cells_done=accounts["done"],
-                cells_quarantined=accounts["quarantined"],
+                cells_planned=cells["planned"],
+                cells_done=cells["done"],
+                cells_quarantined=cells["quarantined"],
                 helmholtz_fraction=report["helmholtz_fraction"],
                 wall_seconds=wall,
                 directory=str(run.directory),
@@ -380,8 +381,7 @@ class CoordinatorNode(BowNode):
             self._image.publish(announce.image_message(message, self.get_clock().now().to_msg()))
 
     def _publish_progress(self) -> None:
-        assert self._run is not None
-        if self._goal is not None:
+        if self._goal is not None and self._run is not None:
             done = self._run.cells_in(State.DONE) - self._done_before
             rate = done / max(time.monotonic() - self._began, 1e-9)
             self._goal.publish_feedback(announce.feedback_message(self._run, self._basin, rate))

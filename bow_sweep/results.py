@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from bow_classifier.playability import playability
 
 from .basin import Basin
 from .ledger import Ledger, State
@@ -21,6 +24,13 @@ def not_computed(sweep: Sweep, ledger: Ledger) -> np.ndarray:
         if block.state is State.DONE:
             mask[sweep.block(number)] = False
     return mask
+
+
+def playability_of(sweep: Sweep, basin: Basin, ledger: Ledger) -> dict[str, Any]:
+    """Return the playability of the plane (section IV.B), for the report; cells that are not done are left out."""
+    shape = sweep.y.count, sweep.x.count
+    lengths = np.where(not_computed(sweep, ledger), np.nan, basin.transient_periods)
+    return playability(lengths.reshape(shape), basin.latest("regime").reshape(shape))
 
 
 def write_results(directory: Path, run_id: str, sweep: Sweep, basin: Basin, ledger: Ledger) -> None:
