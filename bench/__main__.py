@@ -1,8 +1,78 @@
-"""Kernel and graph, one after the other: ``make bench``."""
+"""Kernel, peaks, peers, graph and memory in one run: ``make bench``, or ``python -m bench``.
 
-from bench import graph, kernel
+Progress goes to stderr; to stdout go one table and then one JSON, or with --json the JSON into a file. It takes about
+four minutes on two cores; --large adds two, --quick takes one. Leave the machine alone meanwhile. Exit status 1 where a
+part failed.
 
-print("kernel: ns per cell-step")
-kernel.main([])
-print("\ngraph: one map, fig11d")
-graph.main([])
+  python -m bench --json bench.json --page      measure, keep the JSON, write docs/benchmarks.md
+  python -m bench --from bench.json --page      write docs/benchmarks.md from an earlier run
+  python -m bench.kills --kills 200             the long storm of kills: not a part of this
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench import graph, kernel, machine, memory, peak, report, stk
+
+PARTS = ("kernel", "peak", "stk", "graph", "memory")
+WIDE = 160
+
+
+def measure(chosen: argparse.Namespace) -> dict[str, Any]:
+    """Measure the parts that were chosen, one after the other."""
+    result: dict[str, Any] = {"machine": machine.describe()}
+    repeats = 3 if chosen.quick else kernel.REPEATS
+    maps = 5 if chosen.quick else memory.MAPS
+    todo: dict[str, Callable[[], Any]] = {
+        "kernel": lambda: kernel.measure_all(repeats),
+        "peak": lambda: peak.measure(result.get("kernel", {}), repeats),
+        "stk": lambda: stk.measure(repeats=repeats),
+        "graph": lambda: graph.measure_all(chosen.quick, chosen.large, chosen.dir),
+        "memory": lambda: memory.measure(maps, folder=chosen.dir),
+    }
+    began = time.monotonic()
+    for name in PARTS:
+        if name in chosen.only:
+            print(f"bench: {name}, {time.monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
+            try:
+                result[name] = todo[name]()
+            except (RuntimeError, ArithmeticError) as error:  # the others' figures are worth keeping
+                result[name] = {"failed": str(error)}
+    result["seconds"] = time.monotonic() - began
+    return result
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    graph.add_arguments(parser)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the JSON here instead of to stdout")
+    parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md")
+    parser.add_argument("--from", type=Path, metavar="FILE", dest="source", help="measure nothing: read this JSON")
+    chosen = parser.parse_args(arguments)
+    result = report.read(chosen.source) if chosen.source else measure(chosen)
+    console = Console()
+    report.table(result, console if console.is_terminal else Console(width=WIDE))
+    text = json.dumps(result, indent=2)
+    if chosen.json:
+        chosen.json.write_text(text + "\n", encoding="utf-8")
+    else:
+        print(text)
+    if chosen.page:
+        report.write_page(result)
+    return int(any("failed" in result[name] for name in PARTS if name in result))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

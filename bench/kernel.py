@@ -1,44 +1,70 @@
-"""How long the kernel takes for a cell-step: ``python -m bench.kernel``.
+"""How long the kernel takes for a cell-step, and a plain scalar loop for the same: ``python -m bench.kernel``.
 
 A cell-step is one sample of one cell, everything included: gesture, reflections, friction, slip intervals, and the
-bridge force as float32 in the order in which it is sent. One thread; the least of many chunks, since other work on
-the machine only ever adds.
+bridge force as float32 in the order in which it is sent. One core; of every chunk (of the plain loop: every cell) the
+least time of all repeats, since other work on the machine only ever adds. The two take turns, and before they are timed
+their results are compared to the last bit.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bench.scalar import PlainLoop, check
 from bow_sim.identity import fingerprint
 from bow_sim.kernel import Block
-from bow_sim.model import Parameters
+from bow_sim.model import DTYPES, Parameters
 
 LANES = 128
+REPEATS = 20
+
+
+class Case(NamedTuple):
+    """What is measured: parameters, the one that differs between cells, how many cells, and whether beside a peer."""
+
+    settings: dict[str, str]
+    differs: str = "f_asym"
+    cells: int = LANES
+    plain: bool = True
+
+
+STIFF = {"model": "stiff_cremer"}
 
 CASES = {
-    "delta/Cremer": ({"model": "delta_cremer"}, "f_asym", LANES),
-    "stiff/Cremer": ({"model": "stiff_cremer"}, "f_asym", LANES),
-    "delta/Cremer, float32": ({"model": "delta_cremer", "dtype": "float32"}, "f_asym", LANES),
-    "stiff/Cremer, float32": ({"model": "stiff_cremer", "dtype": "float32"}, "f_asym", LANES),
-    "Raman": ({"model": "raman"}, "f_asym", LANES),
-    "rounded corner": ({"model": "rounded_corner"}, "f_asym", LANES),
-    "stiff/Cremer, stiffness differs": ({"model": "stiff_cremer"}, "stiffness_b", LANES),
-    "stiff/Cremer, bow position differs": ({"model": "stiff_cremer"}, "bow_bridge", LANES),
-    "stiff/Cremer, one cell": ({"model": "stiff_cremer"}, "f_asym", 1),
+    f"{title}, {dtype}": Case({"model": model, "dtype": dtype})
+    for title, model in (("delta/Cremer", "delta_cremer"), ("stiff/Cremer", "stiff_cremer"), ("Raman", "raman"))
+    for dtype in DTYPES
+} | {
+    "rounded corner": Case({"model": "rounded_corner"}),
+    "stiff/Cremer, stiffness differs": Case(STIFF, "stiffness_b", plain=False),
+    "stiff/Cremer, bow position differs": Case(STIFF, "bow_bridge", plain=False),
+    "stiff/Cremer, one cell": Case(STIFF, cells=1),
 }
-"""What is measured: parameters, the one that differs between cells, and how many cells."""
-
-TRIAL = {"delta/Cremer": 9.4, "stiff/Cremer": 16.0}
-"""ns per cell-step of the trial implementation."""
 
 
-def lanes_of(name: str, cells: int) -> np.ndarray:
+@contextlib.contextmanager
+def pinned() -> Iterator[int]:
+    """Keep this process on one core, the last it may use; yields its number."""
+    allowed = os.sched_getaffinity(0)
+    core = max(allowed)
+    os.sched_setaffinity(0, {core})
+    try:
+        yield core
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+def lanes_of(name: str, cells: int) -> NDArray[Any]:
     """Values of the parameter that differs, shape (cells,)."""
     if name == "bow_bridge":
         return np.resize(np.arange(5.0, 45.0), cells)
@@ -46,35 +72,59 @@ def lanes_of(name: str, cells: int) -> np.ndarray:
     return np.geomspace(first, last, cells)
 
 
-def measure(settings: dict[str, str], name: str, cells: int, blocks: int) -> float:
-    """Least time of a chunk, ns per cell-step."""
-    p = Parameters.from_mapping(settings)
-    lanes = {name: lanes_of(name, cells)}
+def least_chunks(p: Parameters, lanes: dict[str, NDArray[Any]], best: NDArray[np.float64]) -> None:
+    """Simulate a block; keep the time of every chunk that was less than ever, seconds."""
+    block = Block(p, lanes)
+    for number in range(p.chunks):
+        began = time.perf_counter()
+        block.advance()
+        best[number] = min(best[number], time.perf_counter() - began)
+
+
+def least_cells(plain: PlainLoop, best: NDArray[np.float64]) -> None:
+    """Simulate cells by the plain loop; keep the time of every cell that was less than ever, seconds."""
+    for cell in range(plain.cells):
+        began = time.perf_counter()
+        plain.simulate(cell)
+        best[cell] = min(best[cell], time.perf_counter() - began)
+
+
+def measure(case: Case, repeats: int) -> dict[str, float]:
+    """Return ns a cell-step of the kernel, and of the plain loop where the case has one."""
+    p = Parameters.from_mapping(case.settings)
+    lanes = {case.differs: lanes_of(case.differs, case.cells)}
     Block(p, lanes).advance()
-    best = float("inf")
-    for _ in range(blocks):
-        block = Block(p, lanes)
-        for _ in range(p.chunks):
-            started = time.perf_counter()
-            block.advance()
-            best = min(best, time.perf_counter() - started)
-    return best / (cells * p.chunk_samples) * 1e9
+    plain = PlainLoop(p, lanes) if case.plain else None
+    if plain is not None:
+        check(p, {name: values[:: max(1, case.cells // 8)] for name, values in lanes.items()})
+    chunks, cells = np.full(p.chunks, np.inf), np.full(case.cells, np.inf)
+    for _ in range(repeats):
+        least_chunks(p, lanes, chunks)
+        if plain is not None:
+            least_cells(plain, cells)
+    steps = case.cells * p.samples
+    result = {"cells": case.cells, "ns": float(chunks.sum()) / steps * 1e9}
+    if plain is not None:
+        result["plain_ns"] = float(cells.sum()) / steps * 1e9
+        result["ratio"] = result["plain_ns"] / result["ns"]
+    return result
+
+
+def measure_all(repeats: int = REPEATS, cases: Sequence[str] = tuple(CASES)) -> dict[str, dict[str, float]]:
+    """Measure cases one after the other on one core; say on stderr how far it is."""
+    results = {}
+    with pinned():
+        for name in cases:
+            results[name] = measure(CASES[name], repeats)
+            print(f"kernel: {name}: {results[name]['ns']:.2f} ns", file=sys.stderr, flush=True)
+    return results
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.kernel", description=__doc__)
-    parser.add_argument("--blocks", type=int, default=20, help="blocks of 100 periods for each case (default: 20)")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("--repeats", type=int, default=REPEATS, help="blocks of 100 periods for each case")
     chosen = parser.parse_args(arguments)
-    results = {}
-    for case, (settings, name, cells) in CASES.items():
-        results[case] = measure(settings, name, cells, chosen.blocks)
-        if not chosen.json:
-            trial = f"   (trial implementation {TRIAL[case]})" if case in TRIAL else ""
-            print(f"{case:36s}{cells:4d} cells {results[case]:7.2f} ns{trial}", flush=True)
-    if chosen.json:
-        json.dump({"kernel": fingerprint(), "ns_per_cell_step": results}, sys.stdout, indent=2)
-        print()
+    print(json.dumps({"kernel": fingerprint(), "cases": measure_all(chosen.repeats)}, indent=2))
 
 
 if __name__ == "__main__":

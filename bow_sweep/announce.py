@@ -92,6 +92,19 @@ def feedback_message(run: Run, basin: Basin, cells_per_second: float) -> RunSwee
     return feedback
 
 
+def result_message(run: Run, report: Mapping[str, Any], message: str) -> RunSweep.Result:
+    """Return the result of a sweep from its report."""
+    return RunSweep.Result(
+        run_id=run.run_id,
+        sweep_id=run.sweep.sweep_id,
+        **{f"cells_{name}": report["cells"][name] for name in ("planned", "done", "quarantined")},
+        helmholtz_fraction=report["helmholtz_fraction"],
+        wall_seconds=report["wall_seconds"],
+        directory=str(run.directory),
+        message=message,
+    )
+
+
 def diagnostics_message(nodes: Iterable[Health], stamp: Time) -> DiagnosticArray:
     """Return the health of the nodes as diagnostics."""
     array = DiagnosticArray(

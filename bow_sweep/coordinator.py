@@ -126,6 +126,7 @@ class CoordinatorNode(BowNode):
     def _begin(self, run: Run) -> None:
         self._run, self._closing = run, False
         self._ready = set()
+        self._pool.begin()
         sweep = run.sweep
         self._basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
         if run.ledger.epoch > 1:
@@ -153,17 +154,7 @@ class CoordinatorNode(BowNode):
         cells = report["cells"]
         message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
         if self._goal is not None:
-            self._goal.bow_outcome = RunSweep.Result(
-                run_id=run.run_id,
-                sweep_id=run.sweep.sweep_id,
-                cells_planned=cells["planned"],
-                cells_done=cells["done"],
-                cells_quarantined=cells["quarantined"],
-                helmholtz_fraction=report["helmholtz_fraction"],
-                wall_seconds=wall,
-                directory=str(run.directory),
-                message=message,
-            )
+            self._goal.bow_outcome = announce.result_message(run, report, message)
             self._goal.execute()
             self._goal = None
         self.get_logger().info(f"run {run.run_id}: {message} in {wall:.1f} s")

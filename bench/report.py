@@ -1,0 +1,157 @@
+"""What was measured, as rows of one table for people: on a terminal, or as Markdown in docs/benchmarks.md."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.machine import line
+from bench.page import put
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
+HEAD = """# Benchmarks
+
+What a cell-step costs, how far that is from what the machine could do, what others take for the like, and what the
+graph adds. `make bench ARGS="--json bench.json --page"` measures and writes this page.
+"""
+MEANING = {
+    "kernel": "A cell-step is one sample of one cell, everything included. One core; the plain loop is one cell at a "
+    "time, by Numba, of the same physics and with the same results to the last bit.",
+    "peak of one core": "Chains of one operation on eight lanes, in registers. Kernel and plain loop never fuse a "
+    "multiplication with an addition, so that every machine rounds alike.",
+    "kernel against the peak": "Bound: if all multiplications, additions and roots of a cell-step overlapped, and "
+    "nothing else cost anything.",
+    "other software": "STK's is another model (no torsion, no stiffness, no hysteresis, but body filters): a "
+    "yardstick, not a peer.",
+    "graph": "`bow sweep fig11d` as a user starts it, dashboard file and all, against the bare kernel in as many "
+    "processes, which keeps nothing. RSS counts shared pages in each process, PSS shares them out.",
+    "memory": "Maps in a row through one graph that is kept, as `ros2 run bow ...` starts it; resident memory of each "
+    "process.",
+}
+"""What a section's figures mean."""
+
+
+class Row(NamedTuple):
+    """A line of the table."""
+
+    section: str
+    what: str
+    value: str
+    beside: str = ""
+
+
+def rows(result: Mapping[str, Any]) -> list[Row]:
+    """Return a whole result, or as much as there is of one, as rows."""
+    parts: dict[str, Callable[[Any], Iterator[Row]]]
+    parts = {"kernel": _kernel, "peak": _peak, "stk": _stk, "graph": _graph, "memory": _memory}
+    found: list[Row] = []
+    for name, make in parts.items():
+        part = result.get(name, {})
+        found += [Row(name, name, "FAILED", part["failed"])] if "failed" in part else make(part) if part else []
+    return found
+
+
+def _kernel(cases: Mapping[str, Mapping[str, float]]) -> Iterator[Row]:
+    for name, case in cases.items():
+        beside = f"plain loop {case['plain_ns']:.1f} ns: {case['ratio']:.1f} times" if "plain_ns" in case else ""
+        cells = "" if case["cells"] == 128 else f", {case['cells']:.0f} cell"
+        yield Row("kernel", name.removesuffix(", one cell") + cells, f"{case['ns']:.2f} ns a cell-step", beside)
+
+
+def _peak(peak: Mapping[str, Any]) -> Iterator[Row]:
+    for dtype, rates in peak["operations_per_ns"].items():
+        for name, rate in rates.items():
+            yield Row("peak of one core", f"{name}, {dtype}", f"{rate:.1f} a ns")
+    for name, one in peak["kernels"].items():
+        value = f"{one['of_fma_peak']:.0%} of fused peak, {one['of_sqrt_peak']:.0%} of sqrt peak"
+        counts = f"{one['multiply']} multiplications, {one['add']} additions, {one['sqrt']} root"
+        beside = f"{counts}; bound {one['bound_ns']:.2f} ns, {one['of_bound']:.0%} of it reached"
+        yield Row("kernel against the peak", name, value, beside)
+
+
+def _stk(stk: Mapping[str, Any]) -> Iterator[Row]:
+    if "skipped" in stk:
+        yield Row("other software", "STK Bowed, float64", "left out", stk["skipped"])
+    else:
+        yield Row("other software", "STK Bowed, float64", f"{stk['ns_per_tick']:.1f} ns a tick", stk["flags"])
+
+
+def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
+    for one in maps:
+        name = f"{one['width']} x {one['height']} cells, {one['simulators']} simulator{'s'[: one['simulators'] > 1]}"
+        if "skipped" in one:
+            yield Row("graph", name, "left out", one["skipped"])
+            continue
+        bare, graph, over = one["bare_kernel"], one["graph"], one["over_bare"]
+        stages = graph["stages_s"]
+        spans = {
+            f"{a.replace('_', ' ')} to {b.replace('_', ' ')}": stages[b] - stages[a]
+            for a, b in itertools.pairwise(stages)
+        }
+        phases = ", ".join([f"start to plan {stages['plan']:.2f} s", *(f"{k} {v:.2f} s" for k, v in spans.items())])
+        yield Row("graph", name, f"{graph['wall_s']:.2f} s", f"bare kernel {bare['wall_s']:.2f} s")
+        yield Row("graph", "  plan to last block done", f"{graph['plan_to_last_block_s']:.2f} s", phases)
+        rate = f"first block sent to last done, {over['blocks']:.1f} times the bare kernel's wall time"
+        yield Row("graph", "  throughput", f"{graph['cells_per_s']:,.0f} cells/s", rate)
+        beside = f"bare kernel {bare['cpu_s']:.2f} s: {over['cpu']:.1f} times"
+        yield Row("graph", "  CPU", f"{graph['cpu_s']:.2f} s", beside)
+        yield Row("graph", "  peak of all, RSS/PSS", f"{graph['peak_rss_mb']:.0f}/{graph['peak_pss_mb']:.0f} MB")
+        for process, use in graph["processes"].items():
+            memory = f"peak RSS/PSS {use['peak_rss_mb']:.0f}/{use['peak_pss_mb']:.0f} MB"
+            yield Row("graph", f"    {process}", f"CPU {use['cpu_s']:.2f} s", memory)
+
+
+def _memory(memory: Mapping[str, Any]) -> Iterator[Row]:
+    size = f"{memory['maps']} maps of {memory['width']} x {memory['height']}"
+    yield Row("memory", size, "flat" if memory["flat"] else "NOT flat", f"{sum(memory['wall_s']):.0f} s")
+    for name, one in memory["growth"].items():
+        ends = f"after the first {one['first_mb']:.0f} MB, at most {one['early_mb']:.0f} MB in the second quarter"
+        yield Row("memory", f"  {name}", f"{one['growth_mb']:+.1f} MB", f"{ends}, {one['late_mb']:.0f} MB in the last")
+
+
+def table(result: Mapping[str, Any], console: Console) -> None:
+    """Print the one table."""
+    grid = Table(title=line(result["machine"]), title_justify="left", show_lines=False)
+    for name, ratio in (("", 2), ("measured", 3), ("", 3), ("beside it", 7)):
+        grid.add_column(name, ratio=ratio, overflow="fold")
+    for section, part in itertools.groupby(rows(result), key=lambda row: row.section):
+        for number, row in enumerate(part):
+            grid.add_row("" if number else section, row.what, row.value, row.beside)
+        grid.add_section()
+    console.print(grid)
+
+
+def markdown(result: Mapping[str, Any]) -> str:
+    """Return the page: the machine, then a table for each section."""
+    machine = result["machine"]
+    versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
+    parts = [
+        f"Measured by `make bench` in one run of {result['seconds'] / 60:.1f} minutes on: {line(machine)}.",
+        f"Kernel: `{machine['kernel']}`; {versions}.",
+    ]
+    for section, part in itertools.groupby(rows(result), key=lambda row: row.section):
+        lines = [f"## {section.capitalize()}", "", MEANING.get(section, ""), "", "| | | |", "|---|---|---|"]
+        for row in part:
+            what = row.what.strip() if row.what.startswith(" ") else f"**{row.what}**"
+            lines.append(f"| {what} | {row.value} | {row.beside} |")
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts)
+
+
+def write_page(result: Mapping[str, Any], path: Path = PAGE) -> None:
+    """Write the page; text around its marks stays."""
+    if not path.exists():
+        path.write_text(HEAD, encoding="utf-8")
+    put(markdown(result), path, "bench/report.py")
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a result from a file of JSON."""
+    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return result
