@@ -254,22 +254,13 @@ def sync(uv, tests):
         if "test tools" in due:
             arguments += ["--requirement", "requirements-dev.txt"]
         install(uv, arguments, "installing " + ", ".join(due))
-        compile_sources(os.path.join(VENV, "lib", "python3*", "site-packages"))
         parts.update(wanted)
+        record.pop("kernels", None)  # what is new there is to be compiled
     link_share()
     write_record(record)
     with contextlib.suppress(FileNotFoundError):
         os.unlink(STARTED)
     return record
-
-
-def compile_sources(*patterns):
-    """Bytecode for all sources below some folders, whatever the installer left out.
-
-    Seven processes start at every sweep: none shall compile them again, also where PYTHONDONTWRITEBYTECODE is set.
-    """
-    folders = [folder for pattern in patterns for folder in glob.glob(pattern)]
-    run([PYTHON, "-m", "compileall", "-qq", "-j", "0", *folders], "compiling Python's modules")
 
 
 def warm(record):
@@ -282,7 +273,11 @@ def warm(record):
         return
     run([PYTHON, "-m", "bow_sim.warm"], "compiling the kernels")
     run([PYTHON, "-m", "bow_classifier.warm"], "compiling the classifier")
-    compile_sources("bow_sim", "bow_classifier", "bow_sweep")
+    # Seven processes start at every sweep: none shall compile its sources again, whatever the installer left out and
+    # also where PYTHONDONTWRITEBYTECODE is set.
+    libraries = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages"))
+    sources = ["bow_sim", "bow_classifier", "bow_sweep", *libraries]
+    run([PYTHON, "-m", "compileall", "-qq", "-j", "0", *sources], "compiling Python's modules")
     record["kernels"] = stamp
     write_record(record)
 
