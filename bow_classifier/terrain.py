@@ -77,10 +77,10 @@ class Texture:
     """Least share of narrow cells, in the window `majority`, that makes a place narrow."""
 
     coherence: float = 0.48
-    """Least coherence of streaks. Independent cells give 0.25 +- 0.12 in the window `tensor`, straight lines 1."""
+    """Least coherence of streaks. Independent cells give 0.19 +- 0.10 in the window `tensor`, straight lines 1."""
 
     uneven: float = 0.4
-    """Least unevenness of speckle. Independent lengths give 0.6 to 0.8, smooth ones below 0.1."""
+    """Least unevenness of speckle. Independent lengths, 12 to 22 periods apart, give 0.67 to 0.82, smooth ones 0."""
 
     jump: float = 2.0
     """Test intervals that a length must differ from the line through its neighbours, twice over, to count as uneven:
