@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.page import put
+from bow_classifier.thresholds import is_helmholtz
 from bow_sim.model import Parameters
 from bow_sim.reflection import gaussian
-from bow_sweep.basin import HELMHOLTZ
 from bow_sweep.claims import REPORT
 from bow_sweep.claims_maps import CLAIMS
 from bow_sweep.inprocess import compute
@@ -119,7 +119,7 @@ def _measure(plane: MapFile, part: tuple[slice, slice]) -> dict[str, float]:
 
 def changed(plane: MapFile, usual: MapFile) -> float:
     """Share of cells whose last verdict, Helmholtz or not, is another."""
-    return float(np.mean((plane.regime == HELMHOLTZ) != (usual.regime == HELMHOLTZ)))
+    return float(np.mean(is_helmholtz(plane.regime) != is_helmholtz(usual.regime)))
 
 
 # ---- the page

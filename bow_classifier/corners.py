@@ -39,10 +39,13 @@ class Corners(NamedTuple):
     sure
         (cells,) float64, 0 ... 1: share of neighbouring thresholds (`NEIGHBOURS` times the threshold) under which the
         count is the same.
+    clusters
+        (cells,) uint16: corners that begin a cluster: that come long after the one before in the window.
     """
 
     number: NDArray[np.uint16]
     sure: NDArray[np.float64]
+    clusters: NDArray[np.uint16]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -58,7 +61,7 @@ def build(version: int) -> Any:
     """Make the compiled test, to be cached as this version; see `bow_classifier.sources`."""
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def count(record, start, delay, level, factors, number, sure):
+    def count(record, start, delay, level, factors, gap, number, sure, clusters):
         end = record.shape[1]
         levels = np.empty(factors.shape[0], np.float32)
         tally = np.empty(factors.shape[0], np.int64)
@@ -67,6 +70,7 @@ def build(version: int) -> Any:
             lowest = levels.min()
             tally[:] = 0
             row, back = i * end, delay[i]
+            latest, apart = -end, 0
             for group in range(start, end, LANES):
                 first = min(group, end - LANES)  # the last group goes back over samples that are already counted
                 at = row + first
@@ -74,8 +78,15 @@ def build(version: int) -> Any:
                 if bits_of(absolute(now) > lowest):  # most groups lie below every level: no onset there
                     before = load(record, at - 1) - load(record, at - 1 - back)
                     for k in range(levels.shape[0]):
-                        tally[k] += _ONES[_onsets(now, before, levels[k]) >> (group - first)]
+                        onsets = _onsets(now, before, levels[k]) >> (group - first)
+                        tally[k] += _ONES[onsets]
+                        if k == 0 and onsets:
+                            for lane in range(LANES):
+                                if onsets >> lane & 1:
+                                    apart += int(group + lane - latest > gap[i])
+                                    latest = group + lane
             number[i] = tally[0]
+            clusters[i] = apart
             same = 0
             for k in range(1, tally.shape[0]):
                 same += int(tally[k] == tally[0])
@@ -88,7 +99,13 @@ def build(version: int) -> Any:
 _corners = build(VERSION)
 
 
-def corners(record: NDArray[np.float32], start: int, delay: NDArray[np.int64], level: NDArray[np.float64]) -> Corners:
+def corners(
+    record: NDArray[np.float32],
+    start: int,
+    delay: NDArray[np.int64],
+    level: NDArray[np.float64],
+    gap: NDArray[np.float64] | None = None,
+) -> Corners:
     """Return how many corners pass in the window, for every cell.
 
     Parameters
@@ -102,6 +119,8 @@ def corners(record: NDArray[np.float32], start: int, delay: NDArray[np.int64], l
         (cells,) ripple period in samples: round trip bow-bridge-bow.
     level
         (cells,) threshold of |y|, in units of the bridge force.
+    gap
+        (cells,) samples: two corners further apart than this belong to different clusters; 0 unless given.
 
     Raises
     ------
@@ -115,6 +134,7 @@ def corners(record: NDArray[np.float32], start: int, delay: NDArray[np.int64], l
             f"record {record.shape}, window from {start}, delays {least} ... {most}: delays should be above 0, and the "
             f"window should hold at least {LANES} samples and have more than {most} before it"
         )
-    result = Corners(np.empty(cells, np.uint16), np.empty(cells))
-    _corners(np.ascontiguousarray(record), start, delay, level, _FACTORS, *result)
+    result = Corners(np.empty(cells, np.uint16), np.empty(cells), np.empty(cells, np.uint16))
+    gap = np.zeros(cells) if gap is None else gap
+    _corners(np.ascontiguousarray(record), start, delay, level, _FACTORS, gap, *result)
     return result

@@ -12,13 +12,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_sim.model import Parameters
+from bow_sim.model import CHUNK_PERIODS, Parameters
 
-from .corners import corners
+from .corners import Corners, corners
+from .lines import ripple
+from .longlags import long_periods, reach
 from .periodicity import periodicity
-from .regime import decide
-from .slips import Intervals, Unfinished, slips
-from .thresholds import HELMHOLTZ, Thresholds
+from .regime import LONG, Decision, Evidence, decide
+from .regimes import is_helmholtz
+from .slips import Intervals, Slips, Unfinished, slips
+from .thresholds import Thresholds
+
+
+FEW = 8
+"""Counts below this may be one a period, to the nearest whole number, in five nominal periods of an actual one."""
 
 
 @dataclass(frozen=True)
@@ -52,17 +59,18 @@ class Judgement(NamedTuple):
     Attributes
     ----------
     correlation
-        (cells,) float32, -1 ... 1: autocorrelation at its best lag; NaN = no interior maximum.
+        (cells,) float32, -1 ... 1: autocorrelation at its best lag near the nominal period; where that is not periodic
+        and a longer lag is, at that one. NaN = no interior maximum.
     period
-        (cells,) float32, samples; NaN = no interior maximum.
+        (cells,) float32, samples: that lag; NaN = no interior maximum.
     slips
         (cells,) uint16: significant slips that end in the window.
     corners
         (cells,) uint16: travelling Raman corners in the window.
     regime
-        (cells,) uint8: index into `bow_classifier.regime.REGIMES`.
+        (cells,) uint8: index into `bow_classifier.regimes.REGIMES`.
     confidence
-        (cells,) float32, 0 ... 1: see `bow_classifier.regime.decide`.
+        (cells,) float32, 0 ... 1: probability that the regime is named rightly, see `bow_classifier.confidence`.
     """
 
     correlation: NDArray[np.float32]
@@ -75,7 +83,7 @@ class Judgement(NamedTuple):
     @property
     def passed(self) -> NDArray[np.bool_]:
         """(cells,) whether the motion is Helmholtz motion: all three tests pass."""
-        return self.regime == HELMHOLTZ
+        return is_helmholtz(self.regime)
 
 
 class BlockJudge:
@@ -95,7 +103,12 @@ class BlockJudge:
         Final bow speed v_b, one or (cells,).
     bow_bridge
         Round trip bow-bridge-bow, samples, one or (cells,); None = that of the geometry. The third test needs beta
-        below the threshold *corner*, 0.4: with the bow further away the ramp between two corners exceeds it too.
+        below the threshold *corner*, 0.38: with the bow further away the ramp between two corners exceeds it too.
+
+    Attributes
+    ----------
+    evidence, decision
+        What the latest verdicts were made of; None before the first.
 
     Raises
     ------
@@ -118,10 +131,14 @@ class BlockJudge:
         self._corner = thresholds.corner * self._height
         self._slip = thresholds.slip * v_b * geometry.period
         self._gap = (thresholds.cluster * self._delay).astype(np.float64)
-        self._lags = thresholds.lags(geometry.period)
-        self._start = self._lags[1] + 1  # the longest lag is longer than the period, so than any ripple period
+        self._spread = (thresholds.flyback_cluster * self._delay).astype(np.float64)
+        self._beta = self._delay / geometry.period
+        self._lags, self._long_lags = thresholds.lags(geometry.period), thresholds.long_lags(geometry.period)
+        self._start = reach(self._long_lags[1])  # farther back than any ripple period, which is less than a period
         self._record = np.zeros((cells, self._start + geometry.samples), np.float32)
         self._unfinished = Unfinished.none(cells)
+        self.evidence: Evidence | None = None
+        self.decision: Decision | None = None
 
     def judge(self, bridge_force: NDArray[np.float32], intervals: Intervals) -> Judgement:
         """Return the verdicts after the next chunk.
@@ -145,20 +162,39 @@ class BlockJudge:
         record, start = self._record, self._start
         record[:, :start] = record[:, -start:]
         record[:, start:] = bridge_force
-        periodic = periodicity(record, start, self._geometry.period, self._lags)
-        turned = corners(record, start, self._delay, self._corner)
-        regime, confidence = decide(
-            periodic.correlation,
-            periodic.period,
+        period, least = self._geometry.period, self._thresholds.correlation
+        correlation, place, deviation = periodicity(record, start, period, self._lags)
+        turned = corners(record, start, self._delay, self._corner, self._spread)
+        loudness = deviation / self._height
+        moving = (slipped.number > 0) & (loudness >= self._thresholds.silence)
+        long_periods(record, start, period, self._long_lags, least, moving & ~(correlation > least), correlation, place)
+        lines = ripple(record, place, self._delay, self._undecided(correlation, place, slipped, turned))
+        evidence = Evidence(
+            correlation,
+            place,
             slipped.number,
             slipped.clusters,
+            slipped.small,
             turned.number,
-            periodic.deviation / self._height,
-            slipped.sure * turned.sure,
-            window[1],
-            self._thresholds,
+            turned.clusters,
+            loudness,
+            lines,
+            slipped.sure,
+            turned.sure,
+            self._beta,
         )
-        return Judgement(periodic.correlation, periodic.period, slipped.number, turned.number, regime, confidence)
+        self.evidence, self.decision = evidence, decide(evidence, period, self._thresholds)
+        regime, confidence, _ = self.decision
+        return Judgement(correlation, place, slipped.number, turned.number, regime, confidence)
+
+    def _undecided(
+        self, correlation: NDArray[np.float32], place: NDArray[np.float32], slipped: Slips, turned: Corners
+    ) -> NDArray[np.bool_]:
+        """Return where the name hangs on the ripples: no Helmholtz motion, one slip or a flyback cluster a period."""
+        number = slipped.number, turned.number
+        near = (correlation > self._thresholds.correlation) & (place < LONG * self._geometry.period)
+        one = (number[0] < FEW) & (number[1] < FEW) & ((number[0] != CHUNK_PERIODS) | (number[1] != CHUNK_PERIODS))
+        return near & (one | ((number[1] > 2 * CHUNK_PERIODS) & (turned.clusters < FEW)))
 
 
 def _delays(geometry: Geometry, cells: int, bow_bridge: ArrayLike | None) -> NDArray[np.int64]:

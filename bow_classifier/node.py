@@ -13,7 +13,7 @@ from functools import partial
 
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
-from bow_sim.ros import LATCHED, STREAM, BowNode, RCLError, has_met, live
+from bow_sim.ros import HEARD, STREAM, BowNode, RCLError, has_met, live
 
 from .stream import Classifier
 from .warm import warm
@@ -54,7 +54,7 @@ class ClassifierNode(BowNode):
         self._outbox: deque[bytes] = deque()
         self._hanging = False
         self._verdicts = self.create_publisher(Verdicts, "verdicts", STREAM)
-        self.create_subscription(Plan, "plan", self._on_plan, LATCHED, raw=True)
+        self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         for kind, topic in ((BridgeForce, "bridge_force"), (StickSlip, "stick_slip")):
             self.create_subscription(kind, topic, partial(self._on_stream, kind.__name__), STREAM, raw=True)
         self.create_timer(RETRY_S, self._tick)

@@ -1,11 +1,12 @@
-"""The verdict: what the three tests together say of a string.
+"""The verdict: what the three tests together say of a string, and what it is called where they fail.
 
-Schumacher & Woodhouse (1995), section III.B, take three tests together; PHYSICS.md section 7 pins them down.
+Schumacher & Woodhouse (1995), section III.B, take three tests together; PHYSICS.md section 7 pins them down. The names
+beyond are defined in :mod:`bow_classifier.regimes`; here is the order in which they are tried.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -13,118 +14,195 @@ from numpy.typing import NDArray
 
 from bow_sim.model import CHUNK_PERIODS
 
-from .thresholds import (
+from .confidence import COEFFICIENTS, margins, probability
+from .regimes import (
+    ANOMALOUS_LOW_FREQUENCY,
     APERIODIC,
     HELMHOLTZ,
+    HELMHOLTZ_EXTRA_SLIPS,
     MULTIPLE_FLYBACK,
     MULTIPLE_SLIP,
     NO_OSCILLATION,
     OTHER_PERIODIC,
-    Thresholds,
+    RAMAN_HIGHER,
+    SUBHARMONIC,
 )
+from .sources import VERSION
+from .thresholds import Thresholds
+
+ORDERS = (1, 2)
+"""Orders m of anomalous low frequencies (PHYSICS.md section 9)."""
+
+MULTIPLES = (2, 3)
+"""Orders m of subharmonics."""
+
+LONG = 1.25
+"""From so many nominal periods on a period is long: what is shorter is a nominal one, flattened or sharpened."""
+
+
+class Evidence(NamedTuple):
+    """What the tests found in the window, for every cell of a block; arrays are (cells,).
+
+    Attributes
+    ----------
+    correlation, period
+        float32, as published, so that a reader of verdicts finds the rules kept; period in samples; NaN for none.
+    slips, slip_clusters, small_slips
+        uint16: significant slips, those of them that begin a cluster, and insignificant ones.
+    corners, corner_clusters
+        uint16: corners, and those of them that begin a cluster.
+    loudness
+        float64: r.m.s. deviation of the bridge force from its mean, in v_b/beta.
+    ripple
+        float64: strongest line of the ripples over the stronger of the first two of the period, see
+        `bow_classifier.lines`; 0 where it was not asked for.
+    sure_slips, sure_corners
+        float64, 0 ... 1: share of neighbouring thresholds that give the same counts.
+    beta
+        float64: bow position.
+    """
+
+    correlation: NDArray[np.float32]
+    period: NDArray[np.float32]
+    slips: NDArray[np.uint16]
+    slip_clusters: NDArray[np.uint16]
+    small_slips: NDArray[np.uint16]
+    corners: NDArray[np.uint16]
+    corner_clusters: NDArray[np.uint16]
+    loudness: NDArray[np.float64]
+    ripple: NDArray[np.float64]
+    sure_slips: NDArray[np.float64]
+    sure_corners: NDArray[np.float64]
+    beta: NDArray[np.float64]
 
 
 class Decision(NamedTuple):
-    """The verdicts on the cells of a block: `regime` (cells,) uint8 codes, `confidence` (cells,) float32, 0 ... 1."""
+    """The verdicts on the cells of a block.
+
+    Attributes
+    ----------
+    regime
+        (cells,) uint8: index into `bow_classifier.regimes.REGIMES`.
+    confidence
+        (cells,) float32, 0 ... 1: probability that the name is right, see `bow_classifier.confidence`.
+    margins
+        (cells, margins) float64: what the confidence was made of.
+    """
 
     regime: NDArray[np.uint8]
     confidence: NDArray[np.float32]
+    margins: NDArray[np.float64]
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _regime(correlation, period, slips, clusters, corners, loudness, periods, window, least, silence):
-    """Return the code of one cell; the rule of section III.B, and what it is called where it fails."""
-    periodic = correlation > least  # NaN, no interior maximum, is no period either
-    if periodic and slips == periods and corners == periods:
-        return HELMHOLTZ
-    if loudness < silence:
-        return NO_OSCILLATION
-    if not periodic:
-        return APERIODIC
-    slips_a_period = round(slips * period / window)
-    if (slips_a_period == 1 or round(clusters * period / window) == 1) and round(corners * period / window) >= 3:
-        return MULTIPLE_FLYBACK
-    if slips_a_period >= 2:
-        return MULTIPLE_SLIP
+@njit(nogil=True, error_model="numpy")
+def _near(period, place, tolerance):
+    return abs(period - place) <= tolerance * place
+
+
+@njit(nogil=True, error_model="numpy")
+def _long(period, slips, clusters, beta, nominal, tolerance):
+    """Return the code of a cell that repeats after a long lag; slips and clusters are whole numbers a period."""
+    if slips == 1 or clusters == 1:
+        for order in ORDERS:
+            if _near(period, nominal * (1 + order * (1 - beta)), tolerance):
+                return ANOMALOUS_LOW_FREQUENCY
+    for multiple in MULTIPLES:
+        if slips >= 2 and _near(period, nominal * multiple, tolerance):
+            return SUBHARMONIC
     return OTHER_PERIODIC
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _confidence(regime, correlation, loudness, sure, least, silence):
-    """Return the margin of one cell's verdict, 0 ... 1; see `decide`."""
-    if not loudness >= 0.0:
-        return 0.0
-    if regime == NO_OSCILLATION:
-        return 1.0 - loudness / silence
-    heard = min(1.0, max(0.0, loudness / silence - 1.0))
-    if not abs(correlation) <= 1.0:
-        return min(heard, 0.5)
-    periodic = min(1.0, abs(correlation - least) / (1.0 - least))
-    return min(heard, periodic) * (sure if correlation > least else 1.0)
+@njit(nogil=True, error_model="numpy")
+def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, s_motion, most):
+    """Return the code of a cell that repeats after about one nominal period; whole numbers a period."""
+    cluster = corner_clusters == 1 or (corner_clusters == 0 and slips == 1)  # 0: they fill the period, but for one slip
+    if 3 <= corners < 1 / beta and cluster:  # as many as ripples in a period would be no cluster
+        return MULTIPLE_FLYBACK if ripple < most else RAMAN_HIGHER
+    if slips == 1 and (corners >= 2 or ripple >= s_motion):
+        return RAMAN_HIGHER
+    if slips >= 2:
+        return RAMAN_HIGHER if clusters == 1 and corners == 2 and corner_clusters == 1 else MULTIPLE_SLIP
+    return OTHER_PERIODIC
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _decide(
-    correlation, period, slips, clusters, corners, loudness, sure, periods, window, least, silence, regime, confidence
-):
-    for i in range(correlation.shape[0]):
-        regime[i] = _regime(
-            correlation[i], period[i], slips[i], clusters[i], corners[i], loudness[i], periods, window, least, silence
-        )
-        confidence[i] = _confidence(regime[i], correlation[i], loudness[i], sure[i], least, silence)
+@njit(nogil=True, error_model="numpy")
+def _regime(correlation, period, slips, slip_clusters, small, corners, corner_clusters, loudness, ripple, beta, limits):
+    """Return the code of one cell; the rule of section III.B, and what it is called where it fails."""
+    periods, nominal, last, least, silence, tolerance, s_motion, most = limits
+    periodic = correlation > least  # NaN, no interior maximum, is no period either
+    if periodic and period < last + 1.0 and slips == periods and corners == periods:
+        return HELMHOLTZ_EXTRA_SLIPS if round(small / periods) >= 1 else HELMHOLTZ
+    if slips == 0 or loudness < silence:
+        return NO_OSCILLATION
+    if not periodic:
+        return APERIODIC
+    turns = period / (periods * nominal)
+    slips_a_period, clusters_a_period = round(slips * turns), round(slip_clusters * turns)
+    if period >= LONG * nominal:
+        return _long(period, slips_a_period, clusters_a_period, beta, nominal, tolerance)
+    corners_a_period, corner_clusters_a_period = round(corners * turns), round(corner_clusters * turns)
+    return _near_nominal(
+        slips_a_period, clusters_a_period, corners_a_period, corner_clusters_a_period, ripple, beta, s_motion, most
+    )
 
 
-def decide(
-    correlation: NDArray[np.float32],
-    period: NDArray[np.float32],
-    slips: NDArray[np.uint16],
-    clusters: NDArray[np.uint16],
-    corners: NDArray[np.uint16],
-    loudness: NDArray[np.float64],
-    sure: NDArray[np.float64],
-    window: int,
-    thresholds: Thresholds,
-) -> Decision:
-    """Return regime and confidence of every cell from the results of the three tests.
+def build(version: int) -> Any:
+    """Make the compiled rule, to be cached as this version; see `bow_classifier.sources`."""
 
-    The confidence is a plain measure of margin, **not calibrated**: 0 at the threshold of periodicity or of silence
-    and growing with the distance from it; for periodic motion times the share of neighbouring thresholds (0.8 ... 1.2
-    times) under which the slips, and the corners, count the same. Without any maximum within the lags it is at most
-    0.5, as there may be a period outside them.
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def decide(evidence, limits, coefficients, regime, confidence, out):
+        periods, nominal, _, least, silence, _, _, _ = limits
+        correlation, period, slips, slip_clusters, small, corners, corner_clusters = evidence[:7]
+        loudness, ripple, sure_slips, sure_corners, beta = evidence[7:]
+        for i in range(correlation.shape[0]):
+            regime[i] = _regime(
+                correlation[i], period[i], slips[i], slip_clusters[i], small[i], corners[i], corner_clusters[i],
+                loudness[i], ripple[i], beta[i], limits,
+            )  # fmt: skip
+            if not loudness[i] >= 0.0:  # samples that are no numbers
+                out[i] = 0.0
+                confidence[i] = 0.0
+                continue
+            turns = period[i] / (periods * nominal) if correlation[i] > least else 1.0 / periods
+            margins(
+                correlation[i], slips[i] * turns, corners[i] * turns, sure_slips[i], sure_corners[i],
+                loudness[i], least, silence, out[i],
+            )  # fmt: skip
+            confidence[i] = probability(coefficients[regime[i]], out[i])
+        return version
+
+    return decide
+
+
+_decide = build(VERSION)
+
+
+def decide(evidence: Evidence, period: int, thresholds: Thresholds) -> Decision:
+    """Return regime and confidence of every cell from what the tests found.
 
     Parameters
     ----------
-    correlation, period
-        (cells,) as published, so that a reader of verdicts finds the rule kept; period in samples; NaN for none.
-    slips, clusters, corners
-        (cells,) counts in the window: significant slips, those that begin a cluster, corners.
-    loudness
-        (cells,) r.m.s. deviation of the bridge force from its mean over the window, in v_b/beta.
-    sure
-        (cells,) share of neighbouring thresholds that give the same counts, 0 ... 1.
-    window
-        Samples of the window.
+    evidence
+        Of the cells, in a window of five nominal periods.
+    period
+        Nominal period N, samples.
     thresholds
         What is asked.
     """
-    regime = np.empty(len(correlation), np.uint8)
-    confidence = np.empty(len(correlation), np.float32)
-    _decide(
-        correlation,
-        period,
-        slips,
-        clusters,
-        corners,
-        loudness,
-        sure,
+    cells = len(evidence.correlation)
+    result = Decision(np.empty(cells, np.uint8), np.empty(cells, np.float32), np.empty((cells, COEFFICIENTS.shape[1])))
+    limits = (
         CHUNK_PERIODS,
-        window,
+        float(period),
+        float(thresholds.lags(period)[1]),
         thresholds.correlation,
         thresholds.silence,
-        regime,
-        confidence,
+        thresholds.anomaly,
+        thresholds.s_motion,
+        thresholds.flyback_ripple,
     )
-    return Decision(regime, confidence)
+    _decide(tuple(evidence), limits, COEFFICIENTS, *result)
+    return result
 
 
 def history(passed: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:

@@ -58,11 +58,14 @@ class Slips(NamedTuple):
     sure
         (cells,) float64, 0 ... 1: share of neighbouring thresholds (`NEIGHBOURS` times the threshold) under which the
         count is the same.
+    small
+        (cells,) uint16: insignificant slips that end in the window.
     """
 
     number: NDArray[np.uint16]
     clusters: NDArray[np.uint16]
     sure: NDArray[np.float64]
+    small: NDArray[np.uint16]
 
 
 class Unfinished(NamedTuple):
@@ -116,14 +119,16 @@ def _slips(
     number,
     clusters,
     sure,
+    small,
 ):
     tally = np.empty(factors.shape[0], np.int64)
     for i in range(level.shape[0]):
         begin, end = offsets[i], offsets[i + 1]
         goes_on, total, start, last = slipping[i], unfinished[i], began[i], ended[i]
         tally[:] = 0
-        apart = 0
+        apart, ends = 0, 0
         if goes_on and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
+            ends += 1
             if _end(total, level[i], factors, tally):
                 apart += int(start - last > gap[i])
                 last = 0
@@ -135,6 +140,7 @@ def _slips(
                 total, start = slip[k], onset[k]
             stop = onset[k] + duration[k]
             goes_on = stop == samples
+            ends += int(not goes_on)
             if not goes_on and _end(total, level[i], factors, tally):
                 apart += int(start - last > gap[i])
                 last = stop
@@ -144,6 +150,7 @@ def _slips(
         ended[i] = max(last - samples, _NEVER)
         number[i] = tally[0]
         clusters[i] = apart
+        small[i] = ends - tally[0]
         same = 0
         for j in range(1, factors.shape[0]):
             same += int(tally[j] == tally[0])
@@ -178,7 +185,7 @@ def slips(
         state = "slips" if before.slipping[wrong[0]] else "sticks"
         raise ValueError(f"row {wrong[0]}: the string {state} at the end of the chunk before, not so this one says")
     cells = len(level)
-    result = Slips(np.empty(cells, np.uint16), np.empty(cells, np.uint16), np.empty(cells))
+    result = Slips(np.empty(cells, np.uint16), np.empty(cells, np.uint16), np.empty(cells), np.empty(cells, np.uint16))
     after = Unfinished._make(array.copy() for array in before)
     _slips(
         intervals.offsets.astype(np.int64),

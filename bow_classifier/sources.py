@@ -14,7 +14,18 @@ from pathlib import Path
 
 import bow_sim
 
-HERE = ("corners", "judge", "periodicity", "regime", "slips", "thresholds")
+HERE = (
+    "confidence",
+    "corners",
+    "judge",
+    "lines",
+    "longlags",
+    "periodicity",
+    "regime",
+    "regimes",
+    "slips",
+    "thresholds",
+)
 THERE = ("simd", "compiled")
 SOURCES = (
     *(Path(__file__).with_name(f"{name}.py") for name in HERE),

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bow_sim import wire
+from bow_sim.blocks import Blocks
 from bow_sim.model import ParameterError
 
 from .judge import BlockJudge
@@ -136,15 +137,36 @@ class Classifier:
         if self._plan[:3] != name:
             self.open(None)
             try:
-                task = Task.from_settings(plan["run_id"], plan["sweep_id"], plan["spec.settings"])
+                task = Task.from_settings(plan["run_id"], plan["sweep_id"], plan["spec.settings"], plan["rounds"])
                 if task.thresholds.hash != plan["classifier"]:
                     self.problem = f"the plan wants classifier {plan['classifier']}, this is {task.thresholds.hash}"
                 else:
                     self.task = task
             except ParameterError as error:
                 self.problem = str(error)
+        elif self.task is not None and len(plan["rounds"]):
+            try:
+                self.grow(plan["rounds"])
+            except ParameterError as error:
+                self._complain(f"plan ignored: {error}")
+                return
         self._plan = (*name, epoch)
         self.settle(np.flatnonzero(plan["block_states"] != OUTSTANDING).tolist())
+
+    def grow(self, rounds: np.ndarray) -> None:
+        """Take in the rounds of the sweep in progress, ``Plan.rounds``.
+
+        Raises
+        ------
+        ParameterError
+            Where the blocks that are known are not among them.
+        """
+        assert self.task is not None
+        known = self.task.planned
+        planned = Blocks.announced(known.cells, known.block_cells, rounds)
+        if not planned.extends(known):
+            raise ParameterError(f"its {planned.count} blocks are not the {known.count} known ones and more")
+        self.task = replace(self.task, planned=planned)
 
     def take(self, name: str, data: wire.Buffer) -> list[bytes]:
         """Take one message of a stream; return the verdicts to publish, in order.

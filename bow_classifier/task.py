@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.blocks import Blocks
+from bow_sim.limits import check_size
 from bow_sim.model import ParameterError, Parameters
 from bow_sim.spec import Spec, axis_values, split
 
@@ -36,8 +38,10 @@ class Task:
         (cells of the sweep,) final bow speed v_b of every cell, or (1,) where it is not swept.
     bow_bridges
         (cells of the sweep,) round trip bow-bridge-bow of every cell, samples, or (1,) where it is not swept.
-    cells, block_cells, chunks
-        Cells of the sweep; cells of a block (the last may have fewer); chunks of every block.
+    planned
+        The blocks, as far as they are planned.
+    chunks
+        Of every block.
     """
 
     run_id: str
@@ -46,26 +50,31 @@ class Task:
     thresholds: Thresholds
     bow_speeds: NDArray[np.float64]
     bow_bridges: NDArray[np.int64]
-    cells: int
-    block_cells: int
+    planned: Blocks
     chunks: int
 
     @classmethod
-    def from_settings(cls, run_id: str, sweep_id: str, settings: Iterable[str]) -> Task:
+    def from_settings(
+        cls, run_id: str, sweep_id: str, settings: Iterable[str], rounds: NDArray[np.uint8] | None = None
+    ) -> Task:
         """Return the task that the settings of a resolved sweep describe, as ``Plan.spec.settings`` holds them.
+
+        Parameters
+        ----------
+        rounds
+            ``Plan.rounds``; None or empty: one round of all cells.
 
         Raises
         ------
         ParameterError
-            For settings that are not those of a resolved sweep, or that make cells of a block differ in length.
+            For settings that are not those of a resolved sweep, or that make cells of a block differ in length, or
+            rounds that are none of this plane.
         """
         spec = split(settings)
         parameters = spec.parameters()
         counts = spec.number("x", "count"), spec.number("y", "count")
         block_cells = spec.number("", "block_cells")
-        for name, number in (("x.count", counts[0]), ("y.count", counts[1]), ("block_cells", block_cells)):
-            if number < 1:
-                raise ParameterError(f"{name} = {number}: should be 1 or more")
+        check_size(*counts, block_cells, parameters)
         for axis in ("x", "y"):
             name = getattr(spec, axis).get("name")
             if name in ("period", "periods"):
@@ -77,20 +86,18 @@ class Task:
             Thresholds.from_mapping(spec.classifier),
             _swept(spec, counts, "v_b", parameters.v_b),
             _bow_bridges(spec, counts, parameters),
-            counts[0] * counts[1],
-            block_cells,
+            Blocks.announced(counts[0] * counts[1], block_cells, np.zeros(0, np.uint8) if rounds is None else rounds),
             parameters.chunks,
         )
 
     @property
     def blocks(self) -> int:
         """Number of blocks."""
-        return -(-self.cells // self.block_cells)
+        return self.planned.count
 
     def block(self, block: int) -> NDArray[np.uint32]:
         """Return the cells of a block, (cells of the block,)."""
-        start = block * self.block_cells
-        return np.arange(start, min(start + self.block_cells, self.cells), dtype=np.uint32)
+        return self.planned.block(block)
 
     def bow_speed(self, cells: NDArray[np.uint32]) -> NDArray[np.float64]:
         """Return the final bow speed of `cells`, (cells,) or (1,)."""

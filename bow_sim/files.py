@@ -1,12 +1,21 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and archives of arrays that are read with care."""
 
 from __future__ import annotations
 
 import contextlib
+import io
 import os
+import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+import numpy as np
+
+MAX_ARRAYS = 64
+MAX_UNPACKED = 1 << 32
+"""Members of an archive, and bytes in all of them, at most."""
 
 
 @contextlib.contextmanager
@@ -31,3 +40,53 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
     except BaseException:
         aside.unlink(missing_ok=True)
         raise
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a NumPy archive; nothing is allocated that the bytes in it do not fill.
+
+    Raises
+    ------
+    OSError
+        Where there is no such file.
+    ValueError
+        Where it is not an archive of plain arrays; says why.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    with open(path, "rb") as stream:
+        try:
+            with zipfile.ZipFile(stream) as archive:
+                members = archive.infolist()
+                if len(members) > MAX_ARRAYS or sum(member.file_size for member in members) > MAX_UNPACKED:
+                    raise ValueError(f"has {len(members)} members; at most {MAX_ARRAYS} and {MAX_UNPACKED} bytes")
+                for member in members:
+                    arrays[member.filename.removesuffix(".npy")] = _array(archive.read(member))
+        except _NO_ARCHIVE as error:
+            raise ValueError(f"no archive of arrays: {error}") from None
+    return arrays
+
+
+_NO_ARCHIVE = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, KeyError, TypeError, OverflowError, NotImplementedError),
+    *(RuntimeError, SyntaxError, MemoryError, OSError),  # RuntimeError also where a member is encrypted
+)
+"""What zipfile and NumPy raise over bytes that are not what they should be, beside ValueError."""
+
+
+def _array(data: bytes) -> np.ndarray:
+    """Return the array in a .npy file, after checking that its header asks for no more than there is."""
+    stream: Any = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"a .npy file of version {version}")
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    count = 1
+    for length in shape:
+        count *= length
+    there = len(data) - stream.tell()
+    if dtype.hasobject or min(shape, default=0) < 0 or count * dtype.itemsize != there:
+        raise ValueError(f"an array of {dtype} with shape {shape} in {there} bytes")
+    stream.seek(0)
+    array: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
+    return array

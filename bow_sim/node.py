@@ -23,10 +23,11 @@ from rclpy.publisher import Publisher
 
 from . import wire
 from .credit import LIMIT, Window
-from .identity import fingerprint
+from .identity import fingerprint, random_id
 from .kernel import Block, ChunkResult
+from .limits import check_block
 from .model import ParameterError
-from .ros import INSPECT, LATCHED, STREAM, BowNode, live, publish_surely
+from .ros import HEARD, INSPECT, STREAM, BowNode, live, publish_surely
 from .spec import split
 
 HELP = """
@@ -54,7 +55,7 @@ class SimulatorNode(BowNode):
     """One simulator of the pool."""
 
     def __init__(self) -> None:
-        super().__init__("simulator", f"simulator_{threading.get_native_id()}")
+        super().__init__("simulator", f"simulator_{random_id()[:8]}")  # of all machines, so no number of this one
         credit = self.declare_parameter(
             "credit",
             LIMIT,
@@ -84,8 +85,8 @@ class SimulatorNode(BowNode):
         self._force = self.create_publisher(BridgeForce, "bridge_force", STREAM)
         self._slips = self.create_publisher(StickSlip, "stick_slip", STREAM)
         self._inspect = self.create_publisher(BridgeForce, "inspect", INSPECT)
-        self.create_subscription(Plan, "plan", self._on_plan, LATCHED)
-        self.create_subscription(Health, "health", self._on_health, LATCHED)
+        self.create_subscription(Plan, "plan", self._on_plan, HEARD)
+        self.create_subscription(Health, "health", self._on_health, HEARD)
         self.create_subscription(Receipt, "receipts", self._on_receipts, STREAM, raw=True)
         self._server = ActionServer(
             self,
@@ -175,9 +176,13 @@ class SimulatorNode(BowNode):
         if (receipt["run_id"], receipt["sweep_id"]) != self._run:
             return
         judged = (receipt["kind"] == wire.RECEIPT_VERDICTS).tolist()
+        blocks, chunks = receipt["block"].tolist(), receipt["chunk"].tolist()
+        if not len(blocks) == len(chunks) == len(judged):
+            self.health.ignored += 1
+            return
         now = time.monotonic()
         with self._lock:
-            for block, chunk, verdict in zip(receipt["block"].tolist(), receipt["chunk"].tolist(), judged, strict=True):
+            for block, chunk, verdict in zip(blocks, chunks, judged, strict=True):
                 self._window.answered((block, chunk), now, receipted=not verdict, judged=verdict)
             self._lock.notify_all()
 
@@ -217,12 +222,14 @@ class SimulatorNode(BowNode):
 
     def _prepare(self, goal: Simulate.Goal) -> Block:
         spec = split(goal.spec.settings)
+        parameters = spec.parameters()
         planned = spec.number("x", "count") * spec.number("y", "count")
+        check_block(len(goal.cells), parameters)
         cells = np.asarray(goal.cells, dtype=np.int64)
         if cells.max() >= planned or len(np.unique(cells)) != len(cells):
             raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
-        lanes = {str(spec.x["name"]): np.asarray(goal.x), str(spec.y["name"]): np.asarray(goal.y)}
-        return Block(spec.parameters(), lanes)
+        lanes = {str(spec.x.get("name")): np.asarray(goal.x), str(spec.y.get("name")): np.asarray(goal.y)}
+        return Block(parameters, lanes)
 
     def _conclude(self, goal_handle: Any) -> Simulate.Result:
         """Give the result that the worker left on the handle; runs in the executor."""

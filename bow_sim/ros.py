@@ -26,6 +26,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from . import reach
 from .identity import random_id
 
 RCLError = rclpy_implementation.RCLError
@@ -38,6 +39,9 @@ STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolic
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """plan, basin_map, health: a late joiner gets the latest one of every publisher."""
+
+HEARD = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For subscribers of plan and health: publishers share the room of a subscriber, none must push out another's word."""
 
 INSPECT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 """inspect: pictures for people; a lost one is no loss."""
@@ -146,13 +150,7 @@ def keep_memory() -> None:
 
 def use_local_defaults() -> None:
     """Keep the graph on this machine and large messages in shared memory, unless the user's environment says else."""
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if "FASTRTPS_DEFAULT_PROFILES_FILE" not in os.environ:
-        for above in Path(__file__).resolve().parents:
-            for profile in (above / "config" / "fastdds.xml", above / "share" / "bow" / "config" / "fastdds.xml"):
-                if profile.is_file():
-                    os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
-                    return
+    reach.apply_defaults()
 
 
 def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, description: str = "") -> int:

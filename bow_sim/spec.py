@@ -1,8 +1,8 @@
 """The written form of a sweep, as far as all rooms of the house need it.
 
 A sweep is "name=value" settings (see :mod:`bow_sweep.plan`): names of :class:`bow_sim.model.Parameters`, ``x.*`` and
-``y.*`` for the axes of the map, ``classifier.*`` for thresholds, and ``block_cells``. Simulator and classifier stand
-upstream of the plan and only take these apart.
+``y.*`` for the axes of the map, ``classifier.*`` for thresholds, ``block_cells`` and ``adaptive``. Simulator
+and classifier stand upstream of the plan and only take these apart.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ class Spec:
     y: Mapping[str, object]
     classifier: Mapping[str, object]
     block_cells: object = None
+    adaptive: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -48,6 +49,23 @@ class Spec:
             name = f"{group}.{key}" if group else key
             raise ParameterError(f"{name} = {source.get(key)!r}: should be a whole number") from None
 
+    def share(self, key: str) -> float:
+        """Return a setting that is a share, above 0 and at most 1.
+
+        Raises
+        ------
+        ParameterError
+            Where it is none.
+        """
+        value = getattr(self, key)
+        try:
+            share = float(str(value))
+        except ValueError:
+            raise ParameterError(f"{key} = {value!r}: should be a number") from None
+        if not 0 < share <= 1:
+            raise ParameterError(f"{key} = {share:g}: should be above 0 and at most 1")
+        return share
+
 
 def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
     """Return settings taken apart by their prefixes; unknown names stay among the plain ones and are refused there.
@@ -66,7 +84,8 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
             groups[head][tail] = value
         else:
             plain[key] = value
-    return Spec(plain=plain, block_cells=plain.pop("block_cells", None), **groups)
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive")}
+    return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 
 def axis_values(scale: str, first: float, last: float, count: int) -> NDArray[np.float64]:

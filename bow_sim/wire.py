@@ -86,6 +86,7 @@ FIELDS: dict[str, dict[str, str]] = {
         "fingerprint": "string",
         "classifier": "string",
         "block_states": "uint8[]",
+        "rounds": "uint8[]",
     },
     "BasinMap": {
         "run_id": "string",

@@ -51,6 +51,7 @@ def plan_message(run: Run, state: int) -> Plan:
         fingerprint=fingerprint(),
         classifier=run.sweep.thresholds.hash,
         block_states=bytes(BLOCK_STATES.get(block.state, Plan.OUTSTANDING) for block in run.ledger.blocks),
+        rounds=run.blocks.announce().tobytes(),
     )
 
 

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.thresholds import REGIMES, is_helmholtz
 from bow_sim.model import CHUNK_PERIODS
 
 PENDING = 255
 """Regime of a cell that has no test yet."""
-
-HELMHOLTZ = REGIMES.index("helmholtz")
 
 LAYERS: dict[str, tuple[type, float]] = {
     "correlation": (np.float32, np.nan),
@@ -55,7 +53,7 @@ class Basin:
         for name, layer in self.layers.items():
             layer[test, cells] = verdict[name]
         self.tested[cells] = np.count_nonzero(self.layers["regime"][:, cells] != PENDING, axis=0)
-        passed = self.layers["regime"][:, cells] == HELMHOLTZ
+        passed = is_helmholtz(self.layers["regime"][:, cells])
         self.transient_periods[cells] = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0)
 
     def latest(self, name: str) -> np.ndarray:

@@ -17,7 +17,7 @@ from bow_sim.model import ParameterError, Parameters
 from bow_sim.taps import embed_files
 
 from . import commands_compare, commands_paper, commands_sweep
-from .commands_sweep import DONE, FAILED, SET_HELP, fail
+from .commands_sweep import DONE, FAILED, INTERRUPTED, SET_HELP, fail
 from .display import percentages
 from .plan import X_AXIS, Y_AXIS, Sweep
 
@@ -93,6 +93,7 @@ def _add_run_commands(commands: Any) -> None:
         "recorded ones, byte for byte; with others a new set is written beside them, verdicts-HASH.npz.",
     )
     replay.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=_REPLAY_HELP)
+    replay.add_argument("--graph", action="store_true", help="through DDS, by a classifier node; slower, same verdicts")
     replay.set_defaults(run=_replay)
     recover = commands.add_parser(
         "recover",
@@ -116,12 +117,20 @@ def _verify(args: argparse.Namespace) -> int:
 
 
 def _replay(args: argparse.Namespace) -> int:
-    from .record.replay import replay
+    from .record.replay import judge_here, replay
+    from .supervisor import GraphError
 
+    judge = judge_here
+    if args.graph:
+        from .record.replay_graph import judge_in_graph as judge
     try:
-        result = replay(args.directory, settings=args.settings, progress=percentages("replay"))
+        result = replay(args.directory, settings=args.settings, progress=percentages("replay"), judge=judge)
     except (ParameterError, OSError, ValueError) as error:
         return fail(str(error))
+    except GraphError as error:
+        return fail(str(error), FAILED)
+    except KeyboardInterrupt:
+        return fail("interrupted; nothing was written", INTERRUPTED)
     print(json.dumps(result, indent=2))
     return DONE if result["ok"] else FAILED
 
@@ -152,6 +161,9 @@ def _settings(_: argparse.Namespace) -> int:
             print(f"{axis}.{name} = {value}")
     print("    the axes of the map: a parameter's name, log or linear, first and last value, how many")
     print(f"block_cells = {Sweep.block_cells}\n    cells that one simulator runs together")
+    print(
+        f"adaptive = {Sweep.adaptive:g}\n    share of the cells to simulate at most; below 1 the others are predicted"
+    )
     return DONE
 
 

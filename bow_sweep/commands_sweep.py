@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from bow_sim import reach
 from bow_sim.identity import random_id
 from bow_sim.model import MODELS, ParameterError
 from bow_sim.taps import embed_files
@@ -43,12 +44,14 @@ def add_command(commands: Any) -> None:
         "sweep",
         help="run a sweep on this machine, recorded and classified",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Start the graph on this machine (loopback only), run a sweep, and leave a run directory.",
+        description="Start the graph on this machine (loopback only, unless --network says else), run a sweep, and "
+        "leave a run directory.",
         epilog=f"presets:\n{names}\n\ncampaigns, several sweeps one after the other:\n{more}\n\nexamples:\n"
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
-        "  bow sweep --resume small                  go on where a run was cut off\n\n"
+        "  bow sweep --resume small                  go on where a run was cut off\n"
+        "  bow sweep fig11d --network SUBNET         says how simulators of other machines join\n\n"
         "exit status: 0 done, 1 failed, 2 wrong usage, 3 done but for quarantined blocks, 130 interrupted",
     )
     parser.add_argument("preset", nargs="?", default="", help="named sweep; without one, the defaults of the package")
@@ -57,10 +60,17 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--nx", metavar="N", help="cells along x (f_asym)")
     parser.add_argument("--ny", metavar="N", help="cells along y (f_init/f_asym)")
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
+    parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument("--simulators", metavar="N", type=int, default=_cores(), help="processes (default: one a core)")
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="go on with this run directory")
+    parser.add_argument(
+        "--network",
+        metavar="WHERE",
+        default="",
+        help="let simulators of other machines join: SUBNET, or their names or addresses, separated by commas",
+    )
     parser.add_argument("--view", action="store_true", help="open the rerun viewer and watch the map grow")
     parser.add_argument(
         "--port", metavar="P", type=int, default=0, help="serve the dashboard to `rerun --connect` on P"
@@ -70,7 +80,8 @@ def add_command(commands: Any) -> None:
 
 
 SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a reflection function of your own"
-_SHORT = {"model": "model", "v_mid": "v_mid", "nx": "x.count", "ny": "y.count", "periods": "periods"}
+_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive")}
+_SHORT = {**_SAME, "nx": "x.count", "ny": "y.count"}
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,11 @@ def _sweep(args: argparse.Namespace) -> int:
 
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
+    if args.network:
+        try:
+            os.environ.update(reach.asked(args.network))
+        except reach.ReachError as error:
+            return fail(f"--network {error}")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
     if args.resume and (args.preset or short or args.settings or args.out):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
@@ -174,7 +190,7 @@ def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int
     display = Display()
     dashboard = None if args.no_dashboard else {"view": args.view, "port": args.port}
     again = f"go on with: bow sweep --resume {shlex.quote(str(directory))}"
-    total = sum(job.sweep.cells for job in jobs)
+    total = sum(job.sweep.budget for job in jobs)
     before = 0
     try:
         for number, job in enumerate(jobs, 1):
@@ -185,10 +201,12 @@ def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int
                 f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells, {p.periods} periods, "
                 f"{args.simulators} simulators -> {job.directory}"
             )
+            if reach.goes_beyond(os.environ):
+                display.say(f"other machines join with: {reach.joining(f'/bow/{job.run_id}', os.environ)}")
             job.directory.mkdir(exist_ok=True)
             options = {"simulators": args.simulators, "dashboard": dashboard, "display": display}
             conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
-            before += job.sweep.cells
+            before += job.sweep.budget
     except Interrupted:
         display.stop()
         return fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
@@ -240,9 +258,11 @@ def _summary(directory: Path) -> str:
     report = _report(directory)
     cells = report["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["regimes"].items() if count)
+    predicted = report.get("cells_predicted", 0)
+    whole = f"the map, of which {predicted} cells are predicted" if predicted else "them"
     lines = [
         f"{cells['done']} of {cells['planned']} cells in {report['wall_seconds']:.1f} s; "
-        f"Helmholtz motion in {report['helmholtz_fraction']:.3f} of them",
+        f"Helmholtz motion in {report['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
         "",
         f"{directory}/",

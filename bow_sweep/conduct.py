@@ -24,10 +24,12 @@ class Interrupted(Exception):
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
-    """Return cells spread over the plane, for their waveforms to be shown."""
+    """Return cells spread over the plane, for their waveforms to be shown; some that are planned at the beginning."""
     columns = np.unique(np.linspace(0, sweep.x.count - 1, INSPECTED // 2 + 2).astype(int)[1:-1])
     rows = np.unique(np.linspace(0, sweep.y.count - 1, 4).astype(int)[1:-1])
-    return [int(iy * sweep.x.count + ix) for iy in rows for ix in columns]
+    y, x = np.divmod(np.flatnonzero(sweep.first_blocks.planned), sweep.x.count)
+    nearest = [np.argmin((y - iy) ** 2 + (x - ix) ** 2) for iy in rows for ix in columns]
+    return np.unique((y * sweep.x.count + x)[nearest]).tolist()
 
 
 def conduct(

@@ -17,22 +17,11 @@ from sensor_msgs.msg import Image
 from bow_sim import wire
 from bow_sim.identity import fingerprint, random_id
 from bow_sim.model import ParameterError
-from bow_sim.ros import LATCHED, STREAM, BowNode, StartupError, live
+from bow_sim.ros import HEARD, LATCHED, STREAM, BowNode, StartupError, live
 
 from . import announce
 from .basin import Basin
-from .ledger import (
-    ConsumerRestarted,
-    Dispatch,
-    Event,
-    Judged,
-    NewEpoch,
-    Receipted,
-    Record,
-    Settled,
-    State,
-    Tick,
-)
+from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
 from .plan import Sweep
 from .pool import Pool
 from .results import load_basin, playability_of, write_results
@@ -85,13 +74,14 @@ class CoordinatorNode(BowNode):
         self._consumers: dict[str, str] = {}
         self._ready: set[str] = set()
         self._tested = -1
+        self._announced: Plan | None = None
         self._last_tick = self._last_beat = time.monotonic()
 
         self._plan = self.create_publisher(Plan, "plan", LATCHED)
         self._map = self.create_publisher(BasinMap, "basin_map", LATCHED)
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.create_subscription(Health, "health", self._on_health, LATCHED)
+        self.create_subscription(Health, "health", self._on_health, HEARD)
         self.create_subscription(Receipt, "receipts", self._on_receipts, STREAM, raw=True)
         self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
         self._pool = Pool(self, self._handle)
@@ -136,21 +126,22 @@ class CoordinatorNode(BowNode):
         self._done_before = run.cells_in(State.DONE)
         self._tested = -1
         if run.ledger.finished:  # it was cut off between its last block and its report
-            self._close_run()
+            self._go_on_or_close(run)
         else:
             self._publish_plan(Plan.OPEN)
+        if not self._closing:
             self.become(Health.STARTING, "waiting for recorder and classifier", run.run_id)
-        self.get_logger().info(f"run {run.run_id}: {sweep.cells} cells, {sweep.blocks} blocks, in {run.directory}")
+        self.get_logger().info(f"run {run.run_id}: {sweep.cells} cells, {run.blocks.count} blocks, in {run.directory}")
 
     def _finish(self) -> None:
         """Write what the run leaves, answer the goal, and wait for the next one."""
         run = self._run
         assert run is not None
         wall = time.monotonic() - self._began
-        measured = playability_of(run.sweep, self._basin, run.ledger)
         this_time = run.cells_in(State.DONE) - self._done_before
+        measured = playability_of(run, self._basin)
         report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": measured})
-        write_results(run.directory, run.run_id, run.sweep, self._basin, run.ledger)
+        write_results(run, self._basin)
         cells = report["cells"]
         message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
         if self._goal is not None:
@@ -249,9 +240,9 @@ class CoordinatorNode(BowNode):
         block, chunk, cells = verdict["block"], verdict["chunk"], verdict["cells"]
         if (
             verdict["classifier"] != run.sweep.thresholds.hash
-            or block >= run.sweep.blocks
+            or block >= run.blocks.count
             or chunk >= run.sweep.chunks
-            or not np.array_equal(cells, run.sweep.block(block))
+            or not np.array_equal(cells, run.blocks.block(block))
         ):
             self.health.ignored += 1
             return
@@ -278,10 +269,18 @@ class CoordinatorNode(BowNode):
                     run.quarantined[block] = why
                     self.get_logger().error(f"block {block} is quarantined: {why}")
         if run.ledger.finished:
+            self._go_on_or_close(run)
+
+    def _go_on_or_close(self, run: Run) -> None:
+        """Begin the next round of an adaptive sweep, which everybody hears of before its blocks; else close the run."""
+        if run.next_round(self._basin):
+            self._publish_plan(Plan.OPEN)
+            self._handle(Grown(run.blocks.count))
+        else:
             self._close_run()
 
     def _send(self, run: Run, block: int, attempt: int, simulator: str) -> None:
-        cells = run.sweep.block(block)
+        cells = run.blocks.block(block)
         lanes = run.sweep.lanes(cells)
         goal = Simulate.Goal(
             run_id=run.run_id,
@@ -329,7 +328,7 @@ class CoordinatorNode(BowNode):
             self._pool.look(now)
         self._handle(Tick())
         if self._run is not None and not self._closing:
-            self._publish_plan_if_changed()
+            self._publish_plan(Plan.OPEN, if_changed=True)
             self._publish_map()
             self._publish_progress()
 
@@ -350,15 +349,10 @@ class CoordinatorNode(BowNode):
 
     # ---- what goes out
 
-    def _publish_plan(self, state: int) -> None:
+    def _publish_plan(self, state: int, if_changed: bool = False) -> None:
         assert self._run is not None
-        self._announced = announce.plan_message(self._run, state)
-        self._plan.publish(self._announced)
-
-    def _publish_plan_if_changed(self) -> None:
-        assert self._run is not None
-        message = announce.plan_message(self._run, Plan.OPEN)
-        if message != self._announced:
+        message = announce.plan_message(self._run, state)
+        if not if_changed or message != self._announced:
             self._announced = message
             self._plan.publish(message)
 

@@ -54,20 +54,25 @@ def judgements(
 
 
 def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
-    """Compute the whole map of a sweep, one block after the other.
+    """Compute the map of a sweep, one block after the other; of an adaptive one, what it asks for.
 
     Parameters
     ----------
     sweep
         Its plan.
     progress
-        Called with (blocks done, blocks) after each.
+        Called with (cells done, cells) after each block.
     """
     basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-    for number in range(sweep.blocks):
-        cells = sweep.block(number)
-        for test, verdict in enumerate(judgements(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
-            basin.take(test, cells, verdict._asdict())
-        if progress:
-            progress(number + 1, sweep.blocks)
-    return basin
+    done, blocks = 0, sweep.first_blocks
+    while True:
+        for number in range(done, blocks.count):
+            cells = blocks.block(number)
+            for test, verdict in enumerate(judgements(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
+                basin.take(test, cells, verdict._asdict())
+            if progress:
+                progress(int(np.count_nonzero(basin.tested)), sweep.budget)
+        more = sweep.more_blocks(blocks, basin.transient_periods)
+        if more is None:
+            return basin
+        done, blocks = blocks.count, more

@@ -104,11 +104,18 @@ class Receipted:
 
 
 @dataclass(frozen=True)
+class Grown:
+    """The plan has more blocks now, `blocks` in all: an adaptive sweep goes on."""
+
+    blocks: int
+
+
+@dataclass(frozen=True)
 class Tick:
     """Time has passed."""
 
 
-Event = SimulatorReady | SimulatorLost | Finished | Refused | ConsumerRestarted | Judged | Receipted | Tick
+Event = SimulatorReady | SimulatorLost | Finished | Refused | ConsumerRestarted | Judged | Receipted | Grown | Tick
 
 
 # ---- instructions, to be carried out in order
@@ -188,7 +195,7 @@ class Ledger:
     Parameters
     ----------
     blocks, chunks
-        How many the sweep has, and how many chunks each block has.
+        How many the sweep has so far, and how many chunks each block has.
     """
 
     def __init__(self, blocks: int, chunks: int) -> None:
@@ -270,6 +277,11 @@ class Ledger:
                     answers = block.verdicts if verdicts else block.streams
                     differs = answers.setdefault(chunk, checksum) != checksum
                     self._answered(number, chunk, differs, now, out)
+            case Grown(blocks):
+                fresh = range(len(self.blocks), blocks)
+                self.blocks += [_Block() for _ in fresh]
+                self._open.update(fresh)
+                self._due = sorted([*self._due, *fresh])
             case Tick():
                 self._expire(now, out)
         self._hand_out(now, out)
@@ -315,11 +327,9 @@ class Ledger:
             self._settle(number, State.DONE, "", out)
 
     def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
-        hand = self.hands.pop(simulator, [])
-        for place, number in enumerate(hand):
+        hand = [number for number in self.hands.pop(simulator, []) if self.blocks[number].state is State.OUT]
+        for place, number in enumerate(hand):  # what is done was computed, only its result is still under way
             block = self.blocks[number]
-            if block.state is not State.OUT:
-                continue
             if blame and place == 0:  # only the block being computed is suspect
                 alone = len(hand) == 1
                 block.deaths += 1

@@ -101,6 +101,9 @@ def letter_of(plane: MapFile, where: str) -> str:
         raise MapFileError(
             f"{where}: model = {mine[0]}, v_mid = {mine[1]}; should be delta_cremer or stiff_cremer at 0.9, 0.2 or -2.0"
         )
+    if plane.simulated is not None:
+        predicted = int((~plane.simulated).sum())
+        raise MapFileError(f"{where}: {predicted} cells are predicted; should be none: sweep without adaptive")
     missing = int(np.isnan(plane.transient_periods).sum())
     if missing:
         raise MapFileError(f"{where}: {missing} cells are not computed; should be none, see bow sweep --resume")

@@ -3,7 +3,7 @@
 A *sweep* is a plan of *cells* (points of a parameter plane); a *block* is the cells that one simulator runs together;
 a *chunk* is five periods of a block. A sweep has one written form, "name=value" settings over a preset, which command
 line, preset files, goals and bags share: the names of :class:`bow_sim.model.Parameters`, ``x.*`` and ``y.*`` for the
-axes, ``block_cells``, and ``classifier.*`` for the thresholds of the verdicts.
+axes, ``block_cells``, ``adaptive``, and ``classifier.*`` for the thresholds of the verdicts.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ import numpy as np
 import yaml
 
 from bow_classifier.thresholds import Thresholds
+from bow_sim.blocks import Blocks
 from bow_sim.identity import source_hash
+from bow_sim.limits import MAX_BLOCK_CELLS, MAX_CELLS, check_size
 from bow_sim.model import SWEEPABLE, TYPES, ParameterError, Parameters, parse_settings
 from bow_sim.spec import axis_values, split
 
-MAX_CELLS = 1 << 22
-"""Cells of one sweep at most: 4 194 304, some 500 maps of the paper; beyond that a typing error is likelier."""
+from .adaptive import first_round, next_round, within_budget
 
-MAX_BLOCK_CELLS = 1024
-"""Lanes of one kernel call at most: a chunk of a block is one message, and 3 MB are enough for one."""
+MAX_PRESET_BYTES, MAX_PRESET_BRACKETS, MAX_PRESET_KEYS = 1 << 16, 200, 1000
+"""In a preset file at most; its names can multiply by aliases."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,10 @@ Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
 
 @dataclass(frozen=True)
 class Sweep:
-    """A resolved sweep. Build it with :meth:`from_spec`; what cannot be computed is refused there."""
+    """A resolved sweep. Build it with :meth:`from_spec`; what cannot be computed is refused there.
+
+    `adaptive` is the share of the cells to simulate at most; 1 = all of them, planned at once.
+    """
 
     parameters: Parameters
     x: Axis = X_AXIS
@@ -98,6 +102,7 @@ class Sweep:
     block_cells: int = 128
     thresholds: Thresholds = field(default_factory=Thresholds)
     preset: str = ""
+    adaptive: float = 1.0
 
     @classmethod
     def from_spec(cls, preset: str = "", settings: Iterable[str] = ()) -> Sweep:
@@ -130,12 +135,16 @@ class Sweep:
                 parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
             except ParameterError as error:
                 raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
-        return cls(parameters, x, y, block_cells, thresholds, preset)
+        check_size(x.count, y.count, block_cells, parameters)
+        adaptive = cls.adaptive if spec.adaptive is None else spec.share("adaptive")
+        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive)
 
     def settings(self) -> tuple[str, ...]:
         """Return every setting as sorted "name=value" strings: :meth:`from_spec` gives the same sweep from them."""
         own = {f"{key}.{part.name}": getattr(axis, part.name) for key, axis in self._axes for part in fields(Axis)}
         own["block_cells"] = self.block_cells
+        if self.adaptive < 1:
+            own["adaptive"] = self.adaptive
         swept = (self.x.name + "=", self.y.name + "=")
         lines = [f"{key}={value}" for key, value in own.items()]
         lines += [line for line in self.parameters.settings() if not line.startswith(swept)]
@@ -161,9 +170,35 @@ class Sweep:
         return self.x.count * self.y.count
 
     @property
+    def budget(self) -> int:
+        """Number of cells to simulate at most."""
+        return within_budget(self.adaptive, self.cells) if self.adaptive < 1 else self.cells
+
+    @cached_property
+    def first_blocks(self) -> Blocks:
+        """The blocks that are planned at the beginning: all, or those of an adaptive sweep's first round."""
+        if self.adaptive == 1:
+            return Blocks(self.cells, self.block_cells)
+        return Blocks(self.cells, self.block_cells, [first_round((self.y.count, self.x.count), self.budget)])
+
+    def more_blocks(self, blocks: Blocks, transient_periods: np.ndarray) -> Blocks | None:
+        """Return `blocks` and those of another round, or None where nothing more is to be simulated.
+
+        Parameters
+        ----------
+        transient_periods
+            (cells,) periods until the tests first passed, 0 = never, NaN = not done; see :mod:`.adaptive`.
+        """
+        if not blocks.adaptive:
+            return None
+        shape = (self.y.count, self.x.count)
+        cells = next_round(blocks.planned.reshape(shape), transient_periods.reshape(shape), self.budget)
+        return blocks.grown(cells) if len(cells) else None
+
+    @property
     def blocks(self) -> int:
-        """Number of blocks; the last may be smaller."""
-        return -(-self.cells // self.block_cells)
+        """Number of blocks at the beginning; the last may be smaller."""
+        return self.first_blocks.count
 
     @property
     def chunks(self) -> int:
@@ -171,17 +206,14 @@ class Sweep:
         return self.parameters.chunks
 
     def block(self, block: int) -> np.ndarray:
-        """Return the cells of a block, shape (cells of the block,), uint32.
+        """Return the cells of a block that is planned at the beginning, shape (cells of the block,), uint32.
 
         Raises
         ------
         IndexError
             Where the sweep has no such block.
         """
-        if not 0 <= block < self.blocks:
-            raise IndexError(f"block {block}: the sweep has blocks 0 ... {self.blocks - 1}")
-        start = block * self.block_cells
-        return np.arange(start, min(start + self.block_cells, self.cells), dtype=np.uint32)
+        return self.first_blocks.block(block)
 
     def lanes(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of the two swept parameters at `cells`: {x.name: (cells,), y.name: (cells,)}."""
@@ -214,13 +246,17 @@ def _axis(key: str, default: Axis, given: Mapping[str, Any]) -> Axis:
     return axis
 
 
-def _flatten(mapping: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
     flat: dict[str, Any] = {}
-    for key, value in mapping.items():
-        if isinstance(value, Mapping):
-            flat.update(_flatten(value, f"{prefix}{key}."))
-        else:
-            flat[f"{prefix}{key}"] = value
+    todo = [("", mapping)]
+    for prefix, group in todo:
+        for key, value in group.items():
+            if isinstance(value, Mapping):
+                todo.append((f"{prefix}{key}.", value))
+            else:
+                flat[f"{prefix}{key}"] = value
+        if len(flat) + len(todo) > MAX_PRESET_KEYS:
+            raise ParameterError(f"a preset with more than {MAX_PRESET_KEYS} names: should have each once")
     return flat
 
 
@@ -241,10 +277,32 @@ def preset_directory() -> Path:
 
 def presets() -> dict[str, str]:
     """Return {name: title} of the presets there are, sorted."""
-    return {
-        path.stem: str(yaml.safe_load(path.read_text()).get("title", ""))
-        for path in sorted((preset_directory() / "presets").glob("*.yaml"))
-    }
+    titles = {}
+    for name, path in _preset_files().items():
+        try:
+            titles[name] = str(_read_preset(path).get("title", ""))
+        except ParameterError as error:
+            titles[name] = str(error)  # the others can be used all the same
+    return titles
+
+
+def _preset_files() -> dict[str, Path]:
+    return {path.stem: path for path in sorted((preset_directory() / "presets").glob("*.yaml"))}
+
+
+def _read_preset(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > MAX_PRESET_BYTES:
+            raise ValueError(f"has more than {MAX_PRESET_BYTES} bytes")
+        text = path.read_text(encoding="utf-8")
+        if text.count("[") + text.count("{") > MAX_PRESET_BRACKETS:  # PyYAML takes the square of their depth
+            raise ValueError(f"has more than {MAX_PRESET_BRACKETS} brackets")
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, OSError, RecursionError) as error:
+        raise ParameterError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict):
+        raise ParameterError(f"{path}: should hold names and values")
+    return content
 
 
 def load_preset(name: str) -> dict[str, Any]:
@@ -255,10 +313,8 @@ def load_preset(name: str) -> dict[str, Any]:
     ParameterError
         Where there is no such preset or its file is not a mapping.
     """
-    known = presets()
-    if name not in known:  # a name from a list, never a path: it may come over the network
-        raise ParameterError(f"preset {name!r}: no such preset; one of {', '.join(known)}")
-    content = yaml.safe_load((preset_directory() / "presets" / f"{name}.yaml").read_text())
-    if not isinstance(content, dict):
-        raise ParameterError(f"preset {name!r}: its file should hold names and values")
+    files = _preset_files()
+    if name not in files:  # a name from a list, never a path: it may come over the network
+        raise ParameterError(f"preset {name!r}: no such preset; one of {', '.join(files)}")
+    content = _read_preset(files[name])
     return {key: value for key, value in content.items() if key != "title"}

@@ -23,8 +23,9 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
 
 @dataclass
 class _Simulator:
-    client: ActionClient
+    client: ActionClient  # kept for ever: rclpy 7.1.6's EventsExecutor crashes where a callback destroys one
     incarnation: str = ""
+    gone: str = ""  # the incarnation that has left
     heard: float = 0.0
     ready: bool = False
     listed: bool = False
@@ -50,6 +51,11 @@ class Pool:
     def __len__(self) -> int:
         return sum(simulator.listed for simulator in self._simulators.values())
 
+    def begin(self) -> None:
+        """Begin a run: nobody is in its ledger yet, and what was heard before says nothing of it."""
+        for simulator in self._simulators.values():
+            simulator.ready = simulator.listed = False
+
     def on_health(self, message: Health, run_id: str, now: float) -> None:
         """Take in a simulator's heartbeat, or its supervisor's word that it is gone."""
         known = self._simulators.get(message.node)
@@ -58,7 +64,7 @@ class Pool:
                 self._lose(message.node, message.detail or "left", blame=message.state == Health.DEAD)
                 self._drop(message.node)
             return
-        if known is None:
+        if known is None or message.incarnation == known.gone:
             return
         if known.incarnation not in ("", message.incarnation):
             self._lose(message.node, "restarted", blame=True)
@@ -130,6 +136,6 @@ class Pool:
             self._emit(SimulatorLost(name, why, blame))
 
     def _drop(self, name: str) -> None:
-        simulator = self._simulators.pop(name, None)
+        simulator = self._simulators.get(name)
         if simulator is not None:
-            simulator.client.destroy()
+            simulator.gone, simulator.incarnation, simulator.ready = simulator.incarnation, "", False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,34 +11,37 @@ import numpy as np
 from bow_classifier.playability import playability
 
 from .basin import Basin
-from .ledger import Ledger, State
 from .plan import Sweep
+from .run import Run
 from .view.maps import MapFile, draw_map, write_map_npz
 
 MAP, PICTURE = "map.npz", "map.png"
 
 
-def not_computed(sweep: Sweep, ledger: Ledger) -> np.ndarray:
-    """Return which cells are not done, shape (ny * nx,): a map shows them grey, whatever is known of them."""
-    mask = np.ones(sweep.cells, bool)
-    for number, block in enumerate(ledger.blocks):
-        if block.state is State.DONE:
-            mask[sweep.block(number)] = False
-    return mask
+def map_of(run: Run, basin: Basin) -> MapFile:
+    """Return the map of a run: grey is what was planned and is not done, whatever is known of it."""
+    done = run.done()
+    result = MapFile.of(run.sweep, basin, run.run_id, ~done)
+    if not run.blocks.adaptive:
+        return result
+    return replace(result, transient_periods=run.transient_periods(basin), simulated=done.reshape(basin.ny, basin.nx))
 
 
-def playability_of(sweep: Sweep, basin: Basin, ledger: Ledger) -> dict[str, Any]:
-    """Return the playability of the plane (section IV.B), for the report; cells that are not done are left out."""
-    shape = sweep.y.count, sweep.x.count
-    lengths = np.where(not_computed(sweep, ledger), np.nan, basin.transient_periods)
-    return playability(lengths.reshape(shape), basin.latest("regime").reshape(shape))
+def playability_of(run: Run, basin: Basin) -> dict[str, Any]:
+    """Return the playability of the plane (section IV.B), for the report; cells that are not done are left out.
+
+    Those that an adaptive sweep predicts are not; what black cells are is not said then.
+    """
+    shape = basin.ny, basin.nx
+    regime = None if run.blocks.adaptive else basin.latest("regime").reshape(shape)
+    return playability(run.transient_periods(basin), regime)
 
 
-def write_results(directory: Path, run_id: str, sweep: Sweep, basin: Basin, ledger: Ledger) -> None:
-    """Write map.npz and map.png into a run directory."""
-    result = MapFile.of(sweep, basin, run_id, not_computed(sweep, ledger))
-    write_map_npz(directory / MAP, result)
-    draw_map(result, directory / PICTURE)
+def write_results(run: Run, basin: Basin) -> None:
+    """Write map.npz and map.png into the directory of a run."""
+    result = map_of(run, basin)
+    write_map_npz(run.directory / MAP, result)
+    draw_map(result, run.directory / PICTURE)
 
 
 def load_basin(directory: Path, sweep: Sweep) -> Basin:

@@ -7,6 +7,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import shutil
 import time
 from collections.abc import Iterable, Mapping
@@ -17,13 +18,17 @@ from typing import Any
 import numpy as np
 
 from bow_classifier.thresholds import REGIMES
+from bow_sim.blocks import Blocks
 from bow_sim.files import replacing
 from bow_sim.identity import fingerprint
 from bow_sim.model import ParameterError
 
+from .adaptive import fill
 from .basin import Basin
 from .ledger import Ledger, State
 from .plan import Sweep
+
+_IDENTIFIER = re.compile("[0-9a-f]{16}")
 
 LEDGER = "ledger.jsonl"
 REPORT = "report.json"
@@ -78,9 +83,8 @@ def read_ledger(directory: Path) -> list[dict[str, Any]]:
     for number, line in enumerate(lines[:-1], 1):  # what follows the last newline was being written
         try:
             entry = json.loads(line)
-            if not isinstance(entry, dict):
-                raise ValueError("not an object")
-        except ValueError as error:
+            _check_entry(entry)
+        except (ValueError, RecursionError) as error:
             raise RunError(f"{path}, line {number}: not a ledger entry: {error}") from None
         entries.append(entry)
     if not entries or entries[0].get("event") != "planned":
@@ -88,18 +92,61 @@ def read_ledger(directory: Path) -> list[dict[str, Any]]:
     return entries
 
 
+_NEEDS = {
+    "planned": ("run_id", "sweep_id", "preset", "settings", "blocks", "chunks"),
+    "round": ("cells", "blocks"),
+    "dispatched": ("block", "attempt"),
+    "died": ("block", "alone"),
+    "done": ("block",),
+    "quarantined": ("block",),
+    "reopened": ("block",),
+}
+"""What an entry that counts must say."""
+
+_TEXTS = ("event", "run_id", "sweep_id", "preset", "fingerprint", "why", "simulator", "role")
+_NUMBERS = ("block", "attempt", "epoch", "blocks", "chunks", "cells")
+_IDENTIFIERS = ("run_id", "sweep_id")
+
+
+def _check_entry(entry: Any) -> None:
+    """Raise ValueError where an entry of a ledger, read from its file, is none."""
+    if not isinstance(entry, dict):
+        raise ValueError("not an object")
+    for name in _NEEDS.get(str(entry.get("event")), ()):
+        if name not in entry:
+            raise ValueError(f"{entry['event']!r} without {name}")
+    if entry.get("event") == "round":
+        cells = entry["cells"]
+        if not isinstance(cells, list) or not all(type(cell) is int and 0 <= cell < 1 << 32 for cell in cells):
+            raise ValueError("cells should be a list of numbers from 0 on")
+        entry = {**entry, "cells": len(cells)}
+    for name, value in entry.items():
+        if name in _TEXTS and not isinstance(value, str):
+            raise ValueError(f"{name} = {value!r}: should be text")
+        if name in _NUMBERS and (type(value) is not int or not 0 <= value < 1 << 32):
+            raise ValueError(f"{name} = {value!r}: should be a number from 0 on")
+        if name in _IDENTIFIERS and not _IDENTIFIER.fullmatch(value):
+            raise ValueError(f"{name} = {value!r}: should be 16 hexadecimal digits")
+        if name == "alone" and not isinstance(value, bool):
+            raise ValueError(f"{name} = {value!r}: should be true or false")
+    if "settings" in entry:
+        settings = entry["settings"]
+        if not isinstance(settings, list) or not all(isinstance(line, str) for line in settings):
+            raise ValueError("settings should be a list of texts")
+
+
 def is_finished(directory: Path, entries: list[dict[str, Any]]) -> bool:
     """Return whether every block of a run is settled and its report written."""
     settled = {entry["block"] for entry in entries if entry.get("event") in ("done", "quarantined")}
     settled -= {entry["block"] for entry in entries if entry.get("event") == "reopened"}
-    return len(settled) == entries[0]["blocks"] and (directory / REPORT).exists()
+    return len(settled) == max(entry.get("blocks", 0) for entry in entries) and (directory / REPORT).exists()
 
 
 class Run:
     """One run on disk, held by its coordinator. Make it with :meth:`create` or :meth:`resume`."""
 
-    def __init__(self, directory: Path, run_id: str, sweep: Sweep, ledger: Ledger) -> None:
-        self.directory, self.run_id, self.sweep, self.ledger = directory, run_id, sweep, ledger
+    def __init__(self, directory: Path, run_id: str, sweep: Sweep, blocks: Blocks, ledger: Ledger) -> None:
+        self.directory, self.run_id, self.sweep, self.blocks, self.ledger = directory, run_id, sweep, blocks, ledger
         self._lock = lock(directory, "coordinator")
         self._file = open(directory / LEDGER, "ab")  # noqa: SIM115  # open as long as the run
         self.quarantined: dict[int, str] = {}
@@ -117,23 +164,20 @@ class Run:
             directory.mkdir(parents=True, exist_ok=True)
             if (directory / LEDGER).exists():
                 raise RunError(f"{directory}: holds a run already; resume it, or choose another directory")
-            run = cls(directory, run_id, sweep, Ledger(sweep.blocks, sweep.chunks))
-            run.record(
-                [
-                    {
-                        "event": "planned",
-                        "run_id": run_id,
-                        "sweep_id": sweep.sweep_id,
-                        "preset": sweep.preset,
-                        "settings": sweep.settings(),
-                        "fingerprint": fingerprint(),
-                        "blocks": sweep.blocks,
-                        "chunks": sweep.chunks,
-                        "cells": sweep.cells,
-                        "epoch": 1,
-                    }
-                ]
-            )
+            run = cls(directory, run_id, sweep, sweep.first_blocks, Ledger(sweep.blocks, sweep.chunks))
+            plan = {
+                "event": "planned",
+                "run_id": run_id,
+                "sweep_id": sweep.sweep_id,
+                "preset": sweep.preset,
+                "settings": sweep.settings(),
+                "fingerprint": fingerprint(),
+                "blocks": sweep.blocks,
+                "chunks": sweep.chunks,
+                "cells": sweep.cells,
+                "epoch": 1,
+            }
+            run.record([plan, *([_round(run.blocks)] if run.blocks.adaptive else [])])
         except OSError as error:
             raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
         return run
@@ -153,13 +197,20 @@ class Run:
             sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
         except (ParameterError, KeyError, TypeError) as error:
             raise RunError(f"{directory / LEDGER}, line 1: {error}") from None
+        if (sweep.blocks, sweep.chunks) != (plan["blocks"], plan["chunks"]):
+            given, right = f"{plan['blocks']} blocks of {plan['chunks']} chunks", f"{sweep.blocks} of {sweep.chunks}"
+            raise RunError(f"{directory / LEDGER}, line 1: {given}; its settings make {right}")
         if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
             raise RunError(
                 f"{directory}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
                 "their results could differ: resume where it began, or sweep anew"
             )
         _cut_torn_line(directory / LEDGER)
-        run = cls(directory, plan["run_id"], sweep, Ledger.resume(sweep.blocks, sweep.chunks, entries))
+        try:
+            blocks = _blocks(sweep, entries)
+        except ValueError as error:
+            raise RunError(f"{directory / LEDGER}: {error}") from None
+        run = cls(directory, plan["run_id"], sweep, blocks, Ledger.resume(blocks.count, sweep.chunks, entries))
         run.quarantined = {e["block"]: e.get("why", "") for e in entries if e.get("event") == "quarantined"}
         run.record([{"event": "resumed", "epoch": run.ledger.epoch}])
         return run
@@ -173,15 +224,32 @@ class Run:
             self._file.flush()
             os.fsync(self._file.fileno())
 
+    def next_round(self, basin: Basin) -> bool:
+        """Plan another round of an adaptive sweep, all blocks being settled; return whether there is one."""
+        more = self.sweep.more_blocks(self.blocks, np.where(self.done(), basin.transient_periods, np.nan))
+        if more is not None:
+            self.record([_round(more)])
+            self.blocks = more
+        return more is not None
+
+    def done(self) -> np.ndarray:
+        """Return which cells are in blocks that are done, (ny * nx,)."""
+        return self.blocks.cells_of(n for n, block in enumerate(self.ledger.blocks) if block.state is State.DONE)
+
+    def transient_periods(self, basin: Basin) -> np.ndarray:
+        """Return the map as it is left, (ny, nx): NaN where not done, predicted where an adaptive sweep does not go."""
+        shape = (basin.ny, basin.nx)
+        length = np.where(self.done(), basin.transient_periods, np.float32(np.nan)).reshape(shape)
+        return np.where(self.blocks.planned.reshape(shape), length, fill(length)) if self.blocks.adaptive else length
+
     def cells_in(self, state: State) -> int:
         """Return how many cells are in blocks of a state."""
-        sizes = (len(self.sweep.block(n)) for n, block in enumerate(self.ledger.blocks) if block.state is state)
-        return sum(sizes)
+        return sum(self.blocks.size(n) for n, block in enumerate(self.ledger.blocks) if block.state is state)
 
     def accounts(self) -> dict[str, int]:
-        """Return cells planned, done, quarantined and outstanding; the last three add up to the first."""
+        """Return cells planned so far, done, quarantined and outstanding; the last three add up to the first."""
         done, quarantined = self.cells_in(State.DONE), self.cells_in(State.QUARANTINED)
-        planned = self.sweep.cells
+        planned = self.blocks.planned_cells
         return {
             "planned": planned,
             "done": done,
@@ -191,7 +259,7 @@ class Run:
 
     def report(self, basin: Basin, wall_seconds: float, extra: Mapping[str, Any]) -> dict[str, Any]:
         """Write report.json and return what it says."""
-        found = basin.transient_periods[np.nan_to_num(basin.transient_periods) > 0]
+        length = np.nan_to_num(self.transient_periods(basin))
         counts = basin.regime_counts()
         report = {
             "run_id": self.run_id,
@@ -201,12 +269,14 @@ class Run:
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
+            "cells_predicted": self.sweep.cells - self.blocks.planned_cells,
+            "rounds": len(self.blocks.rounds),
             "samples": self.cells_in(State.DONE) * self.sweep.parameters.samples,
             "quarantined_blocks": {str(block): why for block, why in self.quarantined.items()},
             "attempts": sum(block.attempt for block in self.ledger.blocks),
             "epoch": self.ledger.epoch,
-            "helmholtz_fraction": basin.helmholtz_fraction(),
-            "median_transient_periods": float(np.median(found)) if found.size else None,
+            "helmholtz_fraction": float(np.mean(length > 0)),
+            "median_transient_periods": float(np.median(length[length > 0])) if length.any() else None,
             "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},
             "wall_seconds": wall_seconds,
             "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
@@ -222,6 +292,23 @@ class Run:
         """Give up the lock and the ledger file."""
         self._file.close()
         os.close(self._lock)
+
+
+def _round(blocks: Blocks) -> dict[str, Any]:
+    """Return the ledger entry of the latest round."""
+    cells = blocks.rounds[-1].tolist()
+    return {"event": "round", "round": len(blocks.rounds), "cells": cells, "blocks": blocks.count}
+
+
+def _blocks(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
+    """Return the blocks of a recorded run; one cut off before its first round was recorded begins with it."""
+    rounds = [np.array(entry["cells"], np.int64) for entry in entries if entry.get("event") == "round"]
+    if not rounds:
+        return sweep.first_blocks
+    blocks = Blocks(sweep.cells, sweep.block_cells, [])
+    for cells in rounds:
+        blocks = blocks.grown(cells)
+    return blocks
 
 
 def _cut_torn_line(path: Path) -> None:

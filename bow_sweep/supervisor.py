@@ -59,6 +59,7 @@ class Child:
     log: Path
     started: float = field(default_factory=time.monotonic)
     locks: set[Path] = field(default_factory=set)  # of its shared memory, see .leftovers
+    worked: bool = False  # it was ready once
 
 
 @dataclass(frozen=True)
@@ -160,11 +161,15 @@ class Supervisor:
     def revive(self, death: Death) -> Child:
         """Start a process again.
 
+        Simulators that came to work and died of it are the ledger's to judge: it gives up the block, not the sweep.
+
         Raises
         ------
         GraphError
             Where its role dies again and again.
         """
+        if death.child.role == "simulator" and death.child.worked:
+            return self.start(death.child.role)
         now = time.monotonic()
         deaths = [when for when in self._deaths.get(death.child.role, []) if now - when < CRASHES_WITHIN_S]
         self._deaths[death.child.role] = [*deaths, now]

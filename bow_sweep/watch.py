@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.thresholds import REGIMES
 from bow_sim import wire
-from bow_sim.ros import LATCHED, BowNode, use_local_defaults
+from bow_sim.ros import HEARD, LATCHED, BowNode, use_local_defaults
 
 from .display import Display, Progress
 from .supervisor import Death, GraphError, Supervisor, tail
@@ -28,22 +28,29 @@ class SupervisorNode(BowNode):
         self.failed = ""
         self.details: dict[str, str] = {}
         self.news: dict[str, bool] = {}  # for people; True = not yet said
+        self.worked: set[int] = set()  # processes that were ready once
+        self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Health, "health", self._on_health, LATCHED)
+        self.create_subscription(Health, "health", self._on_health, HEARD)
         self.become(Health.READY)
 
     def _on_map(self, data: bytes) -> None:
-        values = wire.decode("BasinMap", data)
+        try:
+            values = wire.decode("BasinMap", data)
+        except wire.WireError:
+            return
         counts = np.bincount(values["regime"], minlength=256)
         self.progress = Progress(
             done=values["cells_done"],
             quarantined=values["cells_quarantined"],
-            planned=len(values["regime"]),
+            planned=sum(values[f"cells_{name}"] for name in ("done", "quarantined", "outstanding")),
             regimes={name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
         )
 
     def _on_health(self, message: Health) -> None:
         self.details[message.role] = message.detail
+        if message.state in (Health.READY, Health.BUSY) and message.host == self.health.host:
+            self.worked.add(message.pid)
         if message.state == Health.FAILED and message.role in ("recorder", "classifier"):
             self.failed = f"{message.role}: {message.detail}"
         elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
@@ -63,7 +70,7 @@ class SupervisorNode(BowNode):
             detail=death.cause,
         )
         message.stamp = self.get_clock().now().to_msg()
-        self._health_publisher.publish(message)
+        self._deaths.publish(message)
 
 
 def watch(supervisor: Supervisor, display: Display) -> None:
@@ -101,6 +108,7 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
                 raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
             display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             node.bury(death)
+            death.child.worked = death.child.process.pid in node.worked
             supervisor.revive(death)
         if node.failed:
             raise GraphError(node.failed)

@@ -1,7 +1,8 @@
 """The whole graph on this machine: `ros2 launch bow sweep.launch.py preset:=fig11d`.
 
-Without `preset` and `settings` it waits for goals on /bow/run_sweep. More simulators may join at any time, from here or
-from other machines:  ros2 run bow simulator --ros-args -r __ns:=/bow -r __node:=simulator_extra
+Without `preset` and `settings` it waits for goals on /bow/run_sweep. More simulators may join at any time, by
+`ros2 run bow simulator`; with discovery_range:=SUBNET from other machines too, where
+`ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET ros2 run bow simulator` starts one.
 """
 
 import os
@@ -24,7 +25,7 @@ ARGUMENTS = {
     "runs_dir": ("runs", "run directories are made in this one, each named by its run_id"),
     "once": ("false", "true = end everything when the first run is finished"),
     "view": ("false", "true = open the live viewer"),
-    "discovery_range": ("LOCALHOST", "SUBNET = also find nodes on other machines"),
+    "discovery_range": ("LOCALHOST", "SUBNET = also find nodes on other machines, and listen to them"),
 }
 
 
@@ -58,21 +59,13 @@ def graph(context: LaunchContext) -> List[LaunchDescriptionEntity]:
     # The coordinator is the run; whoever else dies comes back, and its work is done again.
     again = {"respawn": True, "respawn_delay": 2.0}
     return [
-        *middleware(value["discovery_range"]),
+        SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", value["discovery_range"]),  # the nodes' profile follows
         node("recorder", "recorder", directory, **again),
         node("classifier", "classifier", {}, **again),
         node("dashboard", "dashboard", dashboard, **again),
         *(node("simulator", f"simulator_{i}", {}, **again) for i in range(1, simulators + 1)),
         node("coordinator", "coordinator", sweep, on_exit=Shutdown(reason="the coordinator ended")),
     ]
-
-
-def middleware(discovery_range: str) -> List[LaunchDescriptionEntity]:
-    """Say how far the graph reaches. Our Fast DDS profile, the nodes' default, keeps to loopback: off for more."""
-    actions = [SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", discovery_range)]
-    if discovery_range != "LOCALHOST" and "FASTRTPS_DEFAULT_PROFILES_FILE" not in os.environ:
-        actions.append(SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", ""))
-    return actions
 
 
 def flag(name: str, text: str) -> bool:

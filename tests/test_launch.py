@@ -199,12 +199,6 @@ def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path) -> N
     assert environment(discovery_range="SUBNET")["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
 
 
-def test_a_sweep_over_machines_leaves_our_loopback_profile(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("FASTRTPS_DEFAULT_PROFILES_FILE", raising=False)
-    entities = launched("sweep.launch.py", discovery_range="SUBNET")
-    assert SetEnvironmentVariable("FASTRTPS_DEFAULT_PROFILES_FILE", "") in entities
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

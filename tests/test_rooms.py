@@ -25,6 +25,7 @@ IMPURE = {
     "bow_sweep.record.recorder": {"rclpy", "bow_msgs", "mcap"},
     "bow_sweep.record.recover": {"mcap"},
     "bow_sweep.record.replay": {"mcap"},
+    "bow_sweep.record.replay_graph": {"rclpy", "bow_msgs", "mcap"},
     "bow_sweep.record.scan": {"mcap"},
     "bow_sweep.record.session": {"mcap"},
     "bow_sweep.record.survey": {"mcap"},
@@ -32,6 +33,7 @@ IMPURE = {
     "bow_sweep.watch": {"rclpy", "bow_msgs"},
     "bow_sweep.view.blueprint": {"rerun"},
     "bow_sweep.view.dashboard": {"rclpy", "bow_msgs", "rerun"},
+    "bow_sweep.view.history": {"rerun"},
     "bow_sweep.view.rerun_map": {"rerun"},
     "bow_sweep.view.show": {"rerun"},
 }

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bow_sim import wire
+from bow_sim.blocks import Blocks
+from bow_sim.limits import check_size
 from bow_sim.model import ParameterError
 from bow_sim.spec import split
 
@@ -19,10 +21,6 @@ OPEN, CLOSED = 1, 2
 
 DONE, QUARANTINED = 1, 2
 """Values of Plan.block_states; 0 is outstanding."""
-
-MAX_CELLS = 1 << 22
-MAX_BLOCK_CELLS = 1024
-"""As in :mod:`bow_sweep.plan`, which would bring the compiler along."""
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
 _U32 = struct.Struct("<I")
@@ -68,7 +66,7 @@ def _string(data: bytes | memoryview, at: int) -> tuple[str, int]:
     return bytes(data[at + 4 : end - 1]).decode(), end + -end % 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Expected:
     """The outline of a run.
 
@@ -78,8 +76,12 @@ class Expected:
         16 hexadecimal digits each.
     classifier
         Hash of the classifier's parameters: other verdicts are not this run's.
-    cells, block_cells
-        Of the sweep, and of every block but the last.
+    shape
+        (ny, nx) of the plane.
+    planned
+        The blocks, as far as they are planned.
+    adaptive
+        Share of the cells to simulate at most.
     chunks, chunk_samples
         Chunks of every block, and samples of every chunk.
     """
@@ -87,8 +89,9 @@ class Expected:
     run_id: str
     sweep_id: str
     classifier: str
-    cells: int
-    block_cells: int
+    shape: tuple[int, int]
+    planned: Blocks
+    adaptive: float
     chunks: int
     chunk_samples: int
 
@@ -106,31 +109,52 @@ class Expected:
                 raise ParameterError(f"{name} = {plan[name]!r}: should be 16 hexadecimal digits")
         spec = split(plan["spec.settings"])
         parameters = spec.parameters()
-        counts = [spec.number("x", "count"), spec.number("y", "count")]
+        counts = spec.number("x", "count"), spec.number("y", "count")
         block_cells = spec.number("", "block_cells")
-        if min(counts) < 1 or counts[0] * counts[1] > MAX_CELLS:
-            raise ParameterError(f"x.count, y.count = {counts}: should be 1 ... {MAX_CELLS} cells")
-        if not 1 <= block_cells <= MAX_BLOCK_CELLS:
-            raise ParameterError(f"block_cells = {block_cells}: should be 1 ... {MAX_BLOCK_CELLS}")
+        check_size(*counts, block_cells, parameters)
+        adaptive = 1.0 if spec.adaptive is None else spec.share("adaptive")
+        if (adaptive < 1) != bool(len(plan["rounds"])):
+            raise ParameterError(f"Plan.rounds has {len(plan['rounds'])} values, at adaptive = {adaptive:g}")
         return cls(
             run_id=plan["run_id"],
             sweep_id=plan["sweep_id"],
             classifier=plan["classifier"],
-            cells=counts[0] * counts[1],
-            block_cells=block_cells,
+            shape=(counts[1], counts[0]),
+            adaptive=adaptive,
+            planned=Blocks.announced(counts[0] * counts[1], block_cells, plan["rounds"]),
             chunks=parameters.chunks,
             chunk_samples=parameters.chunk_samples,
         )
 
+    def grown(self, plan: Mapping[str, Any]) -> Expected:
+        """Return the outline that a later plan of this run gives: it may have more rounds.
+
+        Raises
+        ------
+        ParameterError
+            Where the blocks that are known are not among its own.
+        """
+        known = self.planned
+        if np.array_equal(plan["rounds"], known.announce()):
+            return self
+        planned = Blocks.announced(known.cells, known.block_cells, plan["rounds"])
+        if not planned.extends(known):
+            raise ParameterError(f"Plan.rounds: {planned.count} blocks, which are not the {known.count} known and more")
+        return replace(self, planned=planned)
+
+    @property
+    def cells(self) -> int:
+        """Number of cells of the plane."""
+        return self.planned.cells
+
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
-        return -(-self.cells // self.block_cells)
+        """Number of blocks planned so far."""
+        return self.planned.count
 
     def block(self, block: int) -> np.ndarray:
         """Return the cells of a block, (cells of the block,) uint32."""
-        start = block * self.block_cells
-        return np.arange(start, min(start + self.block_cells, self.cells), dtype=np.uint32)
+        return self.planned.block(block)
 
     def check_head(self, head: Head) -> None:
         """Raise WireError where a message is not of this run or of no chunk in it."""

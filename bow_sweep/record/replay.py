@@ -1,5 +1,7 @@
 """Judges a bag again, through the classifier's own core, which cannot tell a bag from a live graph.
 
+Here in this process; :mod:`.replay_graph` does it through DDS.
+
 With the thresholds of the run the verdicts must be the recorded ones, byte for byte; with others they stand beside
 them, in ``verdicts-<hash>.npz``, never over them.
 """
@@ -7,7 +9,7 @@ them, in ``verdicts-<hash>.npz``, never over them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ import numpy as np
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
-from bow_classifier.thresholds import HELMHOLTZ, REGIMES, Thresholds
+from bow_classifier.thresholds import REGIMES, Thresholds, is_helmholtz
 from bow_sim import wire
 from bow_sim.files import replacing
 from bow_sim.model import ParameterError, parse_settings
@@ -24,6 +26,9 @@ from .bag import FOLDER, BagError, bag_files, bag_of, label
 from .expected import Expected
 from .scan import Scan
 from .survey import LAYERS, Chunks, Key, Progress, Survey, empty_layers, put
+
+Judge = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
+"""Yields (chunk, fields of Verdicts) for all chunks that a bag has in order."""
 
 
 def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
@@ -47,9 +52,10 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
         try:
             for found in scan.messages():
                 message = label(scan.contents.channels[found.channel].topic, found, path)
-                if message.topic == "plan" and expected is None:
-                    expected = Expected.of(wire.decode("Plan", message.data))
-                    layers = empty_layers(expected)
+                if message.topic == "plan":
+                    plan = wire.decode("Plan", message.data)
+                    expected = expected.grown(plan) if expected else Expected.of(plan)
+                    layers = layers or empty_layers(expected)
                 elif message.topic == "verdicts" and expected is not None:
                     try:
                         values = expected.check("Verdicts", message.data)
@@ -84,6 +90,13 @@ def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[
         yield (block, chunk), wire.decode("Verdicts", out[0])
 
 
+def judge_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
+    """Yield (chunk, fields of Verdicts) of all blocks, judged in this process; raises as :func:`rejudge`."""
+    with Chunks() as chunks:
+        for block in range(task.blocks):
+            yield from rejudge(survey, task, block, chunks)
+
+
 def differing(recorded: dict[str, np.ndarray], again: dict[str, Any]) -> list[str]:
     """Return the names of the layers of a verdict that are not byte for byte the same."""
     return [name for name in LAYERS if recorded[name].tobytes() != again[name].tobytes()]
@@ -99,7 +112,8 @@ def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
     """
     if survey.expected is None:
         raise BagError(f"{survey.directory}: holds no plan")
-    task = Task.from_settings(survey.expected.run_id, survey.expected.sweep_id, survey.plan["spec.settings"])
+    plan = survey.plan
+    task = Task.from_settings(plan["run_id"], plan["sweep_id"], plan["spec.settings"], plan["rounds"])
     return task if thresholds is None else dataclasses.replace(task, thresholds=thresholds)
 
 
@@ -121,6 +135,7 @@ def replay(
     thresholds: Thresholds | None = None,
     settings: Iterable[str] = (),
     progress: Progress | None = None,
+    judge: Judge = judge_here,
 ) -> dict[str, Any]:
     """Judge the bag of a run again.
 
@@ -130,6 +145,8 @@ def replay(
         Other thresholds, or "name=value" changes to those of the run; both: changes to these.
     progress
         Called with (done, total).
+    judge
+        Who judges the chunks: :func:`judge_here`, or :func:`.replay_graph.judge_in_graph`.
 
     Returns
     -------
@@ -156,25 +173,26 @@ def replay(
     task = task_of(survey, changed(thresholds or recorded, settings))
     assert survey.expected is not None
     layers = empty_layers(survey.expected)
-    same = task.thresholds == recorded
+    same, same_hash = task.thresholds == recorded, task.thresholds.hash == survey.plan["classifier"]
     equal, count, unlike = 0, 0, []
-    with Chunks() as chunks:
-        for block in range(task.blocks):
-            for key, again in rejudge(survey, task, block, chunks):
-                count += 1
-                put(layers, survey.expected, key, again)
-                known = survey.verdicts.get(key)
-                names = ["all: not recorded"] if known is None else differing(known.layers, again)
-                equal += not names
-                if names and same:
-                    unlike.append({"block": key[0], "chunk": key[1], "layers": names})
-            if progress is not None:
-                progress(0.4 * task.blocks + 0.6 * (block + 1), task.blocks)
+    total = len(survey.places["bridge_force"])
+    for key, again in judge(survey, task):
+        count += 1
+        put(layers, survey.expected, key, again)
+        known = survey.verdicts.get(key)
+        names = ["all: not recorded"] if known is None else differing(known.layers, again)
+        if same_hash and known is not None and known.checksum != again["checksum"] and not names:
+            names = ["checksum"]  # of the whole payload
+        equal += not names
+        if names and same:
+            unlike.append({"block": key[0], "chunk": key[1], "layers": names})
+        if progress is not None and (count % 64 == 0 or count == total):
+            progress(0.4 * total + 0.6 * count, total)
     file = None
-    if task.thresholds.hash != survey.plan["classifier"]:
+    if not same_hash:
         file = _write(run_directory, task, layers)
     return {
-        "ok": not unlike and count == len(survey.places["bridge_force"]) and (not same or equal == count),
+        "ok": not unlike and count == total and (not same or equal == count),
         "run_id": task.run_id,
         "sweep_id": task.sweep_id,
         "classifier": task.thresholds.hash,
@@ -182,14 +200,14 @@ def replay(
         "thresholds": list(task.thresholds.settings()),
         "chunks": count,
         "equal": equal,
-        "differing": unlike[:20],
+        "differing": sorted(unlike, key=lambda one: (one["block"], one["chunk"]))[:20],
         **_summary(layers),
         "file": str(file) if file else None,
     }
 
 
 def _summary(layers: dict[str, np.ndarray]) -> dict[str, Any]:
-    passed = ((layers["regime"] == HELMHOLTZ) & layers["tested"]).any(axis=0)
+    passed = (is_helmholtz(layers["regime"]) & layers["tested"]).any(axis=0)
     tests = layers["tested"].sum(axis=0)
     latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))][tests > 0]
     counts = np.bincount(latest, minlength=len(REGIMES))

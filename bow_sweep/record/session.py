@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim import wire
+from bow_sim.model import ParameterError
 
 from .bag import FOLDER, BagError, BagMessage, BagWriter
 from .expected import CLOSED, Expected, read_head
@@ -125,6 +126,12 @@ class Session:
 
     def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
         """Take in a plan of this run; a closing one is kept back, to be the last message of the bag."""
+        try:
+            self.expected = self.expected.grown(plan)
+        except ParameterError as error:
+            self.ignored += 1
+            self.complaints[f"plan: {error}"] += 1
+            return
         self.last_plan = dict(plan)
         if self.closed:
             self._closing = data

@@ -57,7 +57,7 @@ class Survey:
     Attributes
     ----------
     expected
-        The outline of the run, from its first plan; None where there is none.
+        The outline of the run, from its plans so far; None where there is none.
     plan
         The latest plan.
     places
@@ -163,6 +163,7 @@ class Survey:
         if self.expected is None:
             self.expected = Expected.of(plan)
         self._check_run(plan)
+        self.expected = self.expected.grown(plan)
         self.plan = plan
 
     def _check_run(self, values: dict[str, Any]) -> None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bow_sim.model import CHUNK_PERIODS
+from bow_sim.blocks import Blocks
+from bow_sim.model import CHUNK_PERIODS, ParameterError
 
 from .layers import MODEL_NAMES, Snapshot, regime_label
 
@@ -42,8 +43,13 @@ class Node:
     heard: float
 
 
-def settled(snapshot: Snapshot, block_states: Sequence[int] | np.ndarray) -> Snapshot:
-    """Return the map with the accounts that the plan's block states give: they are newer than the map's own."""
+def settled(
+    snapshot: Snapshot, block_states: Sequence[int] | np.ndarray, rounds: Sequence[int] | np.ndarray = ()
+) -> Snapshot:
+    """Return the map with the accounts that the plan's block states give: they are newer than the map's own.
+
+    `rounds` are those of the plan; where they do not fit the states, the map keeps its accounts.
+    """
     states = np.asarray(block_states)
     cells = snapshot.regime.size
     if not states.size:
@@ -52,9 +58,16 @@ def settled(snapshot: Snapshot, block_states: Sequence[int] | np.ndarray) -> Sna
         size = int(snapshot.values["block_cells"])
     except (KeyError, ValueError):
         size = -(-cells // states.size)
-    sizes = np.minimum(size, cells - size * np.arange(states.size)).clip(0)
+    if len(rounds):
+        try:
+            blocks = Blocks.announced(cells, size, np.asarray(rounds))
+            sizes, planned = np.array([blocks.size(n) for n in range(states.size)]), blocks.planned_cells
+        except (ParameterError, IndexError):
+            return snapshot
+    else:
+        sizes, planned = np.minimum(size, cells - size * np.arange(states.size)).clip(0), cells
     done, quarantined = (int(sizes[states == state].sum()) for state in (DONE, QUARANTINED))
-    return replace(snapshot, done=done, quarantined=quarantined, outstanding=cells - done - quarantined)
+    return replace(snapshot, done=done, quarantined=quarantined, outstanding=planned - done - quarantined)
 
 
 def is_complete(snapshot: Snapshot) -> bool:

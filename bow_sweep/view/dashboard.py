@@ -21,7 +21,7 @@ from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.qos import QoSProfile
 
 from bow_sim import wire
-from bow_sim.ros import INSPECT, LATCHED, BowNode, StartupError, live
+from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, live
 
 from .account import Node
 
@@ -69,12 +69,12 @@ class DashboardNode(BowNode):
         self._nodes: dict[str, Node] = {}
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
         for kind, topic, taker, qos in (
-            (Plan, "plan", self._on_plan, LATCHED),
+            (Plan, "plan", self._on_plan, HEARD),
             (BasinMap, "basin_map", self._on_map, LATCHED),
             (BridgeForce, "inspect", self._on_inspect, patient),
         ):
             self.create_subscription(kind, topic, self._taker(kind.__name__, taker), qos, raw=True)
-        self.create_subscription(Health, "health", self._on_health, LATCHED)
+        self.create_subscription(Health, "health", self._on_health, HEARD)
         self.create_timer(TICK_S, self._tick)
         from . import show  # noqa: F401  # rerun takes a second to import: now, while the others start too
 

@@ -48,10 +48,14 @@ REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
     "multiple_flyback": (230, 159, 0),
     "other_periodic": (204, 121, 167),
     "aperiodic": (70, 70, 70),
+    "helmholtz_extra_slips": (122, 210, 176),
+    "raman_higher": (213, 94, 0),
+    "anomalous_low_frequency": (0, 114, 178),
+    "subharmonic": (120, 94, 240),
 }
 """Okabe and Ito's colours, which colour-blind people tell apart; `SPARE_COLOURS` for regimes not named here."""
 
-SPARE_COLOURS = ((0, 114, 178), (213, 94, 0), (120, 94, 240), (160, 110, 70))
+SPARE_COLOURS = ((160, 110, 70), (250, 250, 250), (128, 0, 64), (0, 90, 60))
 
 MODEL_NAMES = {
     "stiff_cremer": "Stiff/Cremer",
@@ -291,4 +295,4 @@ def regime_colours(names: Iterable[str]) -> list[tuple[int, int, int]]:
 def regime_label(name: str) -> str:
     """Return a regime's name for people."""
     label = name.replace("_", " ")
-    return label.replace("helmholtz", "Helmholtz")
+    return label.replace("helmholtz", "Helmholtz").replace("raman", "Raman")

@@ -19,7 +19,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from .blueprint import NO_CELLS, arrange
+from .blueprint import NO_CELLS, arrange, send
 from .furniture import Furniture, layer_furniture, regime_furniture, transient_furniture
 from .layers import (
     BLACK,
@@ -93,6 +93,7 @@ class Board:
         self._marked: set[int] = set()
         self._chunks: dict[int, list[tuple[int, np.ndarray]]] = {}
         self._furniture: dict[str, Furniture] = {}
+        rr.bindings.flush_and_cleanup_orphaned_recordings()  # or rerun keeps what recordings held that nobody has
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
         sinks: list[Any] = [rr.FileSink(aside)]
@@ -195,7 +196,7 @@ class Board:
         self._arrange()
 
     def _arrange(self) -> None:
-        self._record.send_blueprint(self._blueprint())
+        send(self._blueprint(), APPLICATION, self._record)
 
     def _blueprint(self) -> rrb.Blueprint:
         return arrange(self._furniture, self.scope.cells)
@@ -281,7 +282,7 @@ class Board:
         copy.set_sinks(rr.FileSink(aside))
         with _no_footer_expected():
             copy.send_chunks(RrdReader(self.path).stream())
-        copy.send_blueprint(self._blueprint())
+        send(self._blueprint(), APPLICATION, copy)
         copy.flush()
         copy.disconnect()
         aside.replace(self.path)

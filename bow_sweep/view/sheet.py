@@ -107,6 +107,8 @@ def titles(plane: Plane) -> tuple[str, str]:
         shown.append(rf"$v_\mathrm{{mid}}$ = {_short(given['v_mid'])}")
     ny, nx = plane.shape
     made = [f"{nx} \u00d7 {ny} gestures", f"{plane.periods:g} periods each"]
+    if "adaptive" in given:
+        made.append(f"{percent(float(given['adaptive']))} simulated at most, the rest predicted")
     if {"bow_bridge", "period"} <= set(given):
         made.append(rf"$\beta$ = {given['bow_bridge']}/{given['period']}")
     if "tau_f" in given:

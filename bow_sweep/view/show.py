@@ -78,7 +78,9 @@ class Show:
     ) -> None:
         snapshot = Snapshot.empty(plan["run_id"], plan["sweep_id"], plan["spec.settings"], plan["spec.preset"])
         directory.mkdir(parents=True, exist_ok=True)
-        self.board = Board(directory / FILE, settled(snapshot, plan["block_states"]), port, server_memory, warn)
+        self.board = Board(
+            directory / FILE, settled(snapshot, plan["block_states"], plan["rounds"]), port, server_memory, warn
+        )
         self.drawn = self.ignored = 0
         self._plan, self._clock, self._opened = plan, clock, clock()
         self._closing: float | None = None
@@ -141,7 +143,7 @@ class Show:
             self.board.flush()
         if self._closing is None:
             return False
-        latest = settled(self._next or self.board.snapshot, self._plan["block_states"])
+        latest = settled(self._next or self.board.snapshot, self._plan["block_states"], self._plan["rounds"])
         patience = LAST_MAP_S if self.drawn else FIRST_MAP_S
         return is_complete(latest) or now - self._closing > patience
 
@@ -158,10 +160,10 @@ class Show:
     def _draw(self, snapshot: Snapshot) -> None:
         self._next = None
         self.drawn += 1
-        self.board.map(settled(snapshot, self._plan["block_states"]))
+        self.board.map(settled(snapshot, self._plan["block_states"], self._plan["rounds"]))
 
     def _account(self, nodes: Iterable[Node], state: str) -> None:
-        snapshot = settled(self.board.snapshot, self._plan["block_states"])
+        snapshot = settled(self.board.snapshot, self._plan["block_states"], self._plan["rounds"])
         text = page(snapshot, nodes, self._clock(), state, self.board.rate(snapshot.done))
         if self.board.scope.left_out:
             text += f"\nOf the cells under inspection {len(self.board.scope.left_out)} are not shown: no room.\n"

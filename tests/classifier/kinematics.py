@@ -123,10 +123,14 @@ def with_ripple_slips(record: Record, size: float = 0.02) -> Record:
 
 
 def aperiodic(samples: int, seed: int = 1) -> Record:
-    """Noise below some kilohertz, slips at random moments."""
+    """Noise below some kilohertz, slips at random moments, five a chunk."""
     rng = np.random.default_rng(seed)
     force = np.convolve(rng.normal(size=samples + 9), np.ones(10), "valid") * HEIGHT / 10
-    moments = np.sort(rng.choice(np.arange(20, samples - 40, 40), samples // 130, replace=False))
+    moments = [
+        start + onset
+        for start in range(0, samples, GEOMETRY.samples)
+        for onset in sorted(rng.choice(np.arange(20, GEOMETRY.samples - 40, 40), 5, replace=False))
+    ]
     return Record(force, [(int(onset), 10, float(rng.uniform(0.3, 1.5)) * N) for onset in moments])
 
 

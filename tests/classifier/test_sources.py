@@ -10,10 +10,10 @@ import numba
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from bow_classifier import corners, periodicity, regime, slips, sources
+from bow_classifier import corners, lines, longlags, periodicity, regime, slips, sources, thresholds
 from bow_classifier.sources import SOURCES, VERSION
 
-MODULES = (corners, periodicity, regime, slips)
+MODULES = (corners, lines, longlags, periodicity, regime, slips)
 
 
 def test_numba_keeps_a_function_for_the_version_that_it_holds(monkeypatch, tmp_path):
@@ -35,7 +35,7 @@ def test_numba_keeps_a_function_for_the_version_that_it_holds(monkeypatch, tmp_p
 
 
 def test_the_version_is_that_of_every_source(monkeypatch, tmp_path):
-    assert sources.source_hash() == regime.source_hash() == f"{VERSION:015x}" + sources.source_hash()[-1]
+    assert sources.source_hash() == thresholds.source_hash() == f"{VERSION:015x}" + sources.source_hash()[-1]
     files = tmp_path / "one.py", tmp_path / "two.py"
     for file in files:
         file.write_text("1")
@@ -73,6 +73,6 @@ def test_what_is_kept_and_made_of_several_files_holds_their_version(module):
     names = {name for function in compiled for name in function.py_func.__code__.co_names}
     foreign = {file for name, file in ours(module).items() if name in names}
     assert foreign <= set(SOURCES)
-    assert bool(foreign) == (module in {corners, periodicity})
+    assert bool(foreign) == (module is not slips)
     if foreign:
         assert all(VERSION in [cell.cell_contents for cell in function.__closure__ or ()] for function in kept)

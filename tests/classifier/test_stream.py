@@ -58,7 +58,7 @@ def message(name, chunk, block=0, attempt=1, content=None, **changes):
         "chunk": chunk,
         "attempt": attempt,
         "incarnation": f"simulator {attempt}",
-        "cells": TASK.block(block),
+        "cells": TASK.block(block % TASK.blocks),
         "first_sample": chunk * 695,
         "samples": 695,
         "data": force,
@@ -79,6 +79,7 @@ def plan(**changes):
         "fingerprint": "",
         "classifier": TASK.thresholds.hash,
         "block_states": [0, 0],
+        "rounds": [],
         **changes,
     }
     return wire.encode("Plan", values)
@@ -275,6 +276,27 @@ def test_a_settled_block_is_forgotten_and_its_messages_ignored():
     assert judged(feed(classifier, *both(1, block=1))) == [(1, 1, 1)]
     classifier.plan(plan(block_states=[1, 2], epoch=2))
     assert not classifier._blocks
+
+
+def test_a_plan_that_grows_has_more_blocks_and_keeps_the_begun_ones():
+    settings = [*SETTINGS, "adaptive=0.9"]  # three cells, first two, then one
+    classifier = Classifier("me")
+    classifier.plan(plan(rounds=[1, 1, 0], block_states=[0], **{"spec.settings": settings}))
+    assert feed(classifier, *both(0, block=1)) == []
+    assert "1 blocks" in classifier.complaints.pop()
+    assert judged(feed(classifier, *both(0))) == [(0, 0, 1)]
+    classifier.plan(plan(rounds=[1, 1, 2], **{"spec.settings": settings}))
+    assert judged(feed(classifier, *both(0, block=1), *both(1))) == [(1, 0, 1), (0, 1, 1)]
+
+
+@pytest.mark.parametrize("rounds", [[1, 0, 0], [1, 2, 1], [1, 1], [1, 1, 3]])
+def test_a_plan_whose_rounds_change_what_is_known_is_ignored(rounds):
+    settings = [*SETTINGS, "adaptive=0.9"]
+    classifier = Classifier("me")
+    classifier.plan(plan(rounds=[1, 1, 0], block_states=[0], **{"spec.settings": settings}))
+    classifier.plan(plan(rounds=rounds, block_states=[1], **{"spec.settings": settings}))
+    assert "plan ignored" in classifier.complaints.pop()
+    assert judged(feed(classifier, *both(0))) == [(0, 0, 1)]
 
 
 def test_a_block_that_is_judged_to_the_end_keeps_only_its_answers():

@@ -38,7 +38,7 @@ def test_both_ends_of_an_axis_are_exact(scale):
 
 
 def test_a_task_knows_blocks_and_bow_speeds():
-    assert (TASK.cells, TASK.blocks, TASK.chunks) == (3, 2, CHUNKS)
+    assert (TASK.planned.cells, TASK.blocks, TASK.chunks) == (3, 2, CHUNKS)
     assert TASK.block(1).tolist() == [2]
     assert TASK.bow_speed(TASK.block(1)).tolist() == [1.0]
     settings = [line for line in SETTINGS if not line.startswith("y.")]

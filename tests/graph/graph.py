@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +29,14 @@ TINY = ["fig11d", "--nx", "2", "--ny", "2", "--periods", "20"]
 class Sweep:
     """`bow sweep` as a process, with its output in a file."""
 
-    def __init__(self, directory: Path, *arguments: str) -> None:
+    def __init__(
+        self, directory: Path, *arguments: str, module: str = "bow_sweep.cli", outer: Sequence[str] = ()
+    ) -> None:
         self.directory = directory
         self.output = directory.with_suffix(".out")
         with open(self.output, "ab") as output:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "bow_sweep.cli", "sweep", *arguments],
+                [*outer, sys.executable, "-m", module, "sweep", *arguments],
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
@@ -131,9 +133,14 @@ def orphans(directory: Path) -> list[str]:
 
 
 @contextlib.contextmanager
-def sweeping(directory: Path, *arguments: str) -> Iterator[Sweep]:
-    """Start a sweep into `directory`; kill what is left of it in the end."""
-    sweep = Sweep(directory, *arguments)
+def sweeping(
+    directory: Path, *arguments: str, module: str = "bow_sweep.cli", outer: Sequence[str] = ()
+) -> Iterator[Sweep]:
+    """Start a sweep into `directory`; kill what is left of it in the end.
+
+    `module` stands for the command, and `outer` is the beginning of a command that runs another.
+    """
+    sweep = Sweep(directory, *arguments, module=module, outer=outer)
     try:
         yield sweep
     finally:

@@ -15,7 +15,7 @@ import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
 from bow_msgs.action import RunSweep, Simulate
-from bow_msgs.msg import BridgeForce, Health, Receipt, StickSlip, SweepSpec, Verdicts
+from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan, Receipt, StickSlip, SweepSpec, Verdicts
 from graph import PATIENCE_S, assert_same_map, sweeping, verified
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -24,7 +24,7 @@ from rclpy.node import Node
 
 from bow_sim import wire
 from bow_sim.identity import fingerprint
-from bow_sim.ros import STREAM
+from bow_sim.ros import INSPECT, LATCHED, STREAM
 from bow_sweep.plan import Sweep
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -130,7 +130,10 @@ def test_a_cancelled_sweep_closes_its_bag_and_can_be_gone_on_with(nodes: Path, c
 def publish_rubbish(node: Node, stop: threading.Event) -> None:
     """Random bytes, messages of a run that is not there, and such whose arrays don't fit."""
     kinds = {"bridge_force": BridgeForce, "stick_slip": StickSlip, "verdicts": Verdicts, "receipts": Receipt}
+    latched = {"plan": Plan, "health": Health, "basin_map": BasinMap}
     publishers = [node.create_publisher(kind, topic, STREAM) for topic, kind in kinds.items()]
+    latched_ones = [node.create_publisher(kind, topic, LATCHED) for topic, kind in latched.items()]
+    latched_ones.append(node.create_publisher(BridgeForce, "inspect", INSPECT))
     rng = np.random.default_rng(1)
     common = {"run_id": "x", "sweep_id": "y", "block": 2**32 - 1, "chunk": 0, "attempt": 1, "incarnation": "z"}
     odd = {**common, "cells": np.arange(3), "first_sample": 0, "samples": 9, "data": np.full(5, np.nan)}
@@ -144,6 +147,9 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
         for publisher in publishers:
             for message in messages:
                 publisher.publish(message)
+        for publisher in latched_ones:
+            publisher.publish(wire.ENCAPSULATION + rng.bytes(int(rng.integers(200))))
+            publisher.publish(wire.ENCAPSULATION + b"\xff\xff\xff\x7f" * 20)
 
 
 @pytest.fixture

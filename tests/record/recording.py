@@ -20,6 +20,7 @@ import numpy as np
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
 from bow_sim import wire
+from bow_sim.blocks import Blocks
 from bow_sim.kernel import Block
 from bow_sweep.plan import Sweep
 from bow_sweep.record.expected import CLOSED, DONE, OPEN
@@ -50,7 +51,9 @@ class Chunk:
         return iter(vars(self).items())
 
 
-def plan(sweep: Sweep, state: int = OPEN, epoch: int = 1, states: Any = None, run: str = RUN) -> bytes:
+def plan(
+    sweep: Sweep, state: int = OPEN, epoch: int = 1, states: Any = None, run: str = RUN, rounds: Any = None
+) -> bytes:
     """Return a Plan message."""
     return wire.encode(
         "Plan",
@@ -64,17 +67,21 @@ def plan(sweep: Sweep, state: int = OPEN, epoch: int = 1, states: Any = None, ru
             "fingerprint": "test",
             "classifier": sweep.thresholds.hash,
             "block_states": np.zeros(sweep.blocks, np.uint8) if states is None else states,
+            "rounds": sweep.first_blocks.announce() if rounds is None else rounds,
         },
     )
 
 
 @functools.cache
-def chunks(sweep: Sweep, block: int, attempt: int = 1, run: str = RUN) -> tuple[Chunk, ...]:
+def chunks(
+    sweep: Sweep, block: int, attempt: int = 1, run: str = RUN, blocks: Blocks | None = None
+) -> tuple[Chunk, ...]:
     """Return what simulator and classifier say of a block: the real kernel's waveforms, the real verdicts."""
-    cells = sweep.block(block)
+    blocks = blocks or sweep.first_blocks
+    cells = blocks.block(block)
     string = Block(sweep.parameters, sweep.lanes(cells))
     classifier = Classifier("c" * 16)
-    classifier.open(Task.from_settings(run, sweep.sweep_id, sweep.settings()))
+    classifier.open(Task.from_settings(run, sweep.sweep_id, sweep.settings(), blocks.announce()))
     out = []
     for chunk in range(sweep.chunks):
         result = string.advance()

@@ -76,7 +76,7 @@ def test_changes_of_thresholds_begin_at_those_of_the_run_or_at_a_preset():
     mine = Thresholds(correlation=0.9)
     assert changed(mine, ["slip=0.05"]) == Thresholds(correlation=0.9, slip=0.05)
     assert changed(mine, ["classifier.slip=0.05"]) == Thresholds(correlation=0.9, slip=0.05)
-    assert changed(mine, ["preset=trial", "slip=0.05"]) == Thresholds(slip=0.05)
+    assert changed(mine, ["preset=trial", "slip=0.05"]) == Thresholds(slip=0.05, corner=0.4)
     with pytest.raises(ParameterError, match=r"classifier\.slop"):
         changed(mine, ["slop=1"])
 

@@ -50,6 +50,26 @@ def test_blocks_cover_every_cell_once(nx: int, ny: int, block_cells: int) -> Non
     np.testing.assert_array_equal(lanes["f_init_ratio"], grid[1].ravel())
 
 
+def test_an_adaptive_sweep_is_planned_in_rounds_and_another_sweep() -> None:
+    base, half = Sweep.from_spec("fig11d"), Sweep.from_spec("fig11d", ["adaptive=0.5"])
+    assert half.sweep_id != base.sweep_id
+    assert Sweep.from_spec("", half.settings()).sweep_id == half.sweep_id
+    assert (half.budget, half.first_blocks.planned_cells) == (4096, 17 * 33)
+    assert half.block(half.blocks - 1)[-1] == half.cells - 1
+    assert half.first_blocks.adaptive
+    nothing = np.full(half.cells, np.nan)
+    more = half.more_blocks(half.first_blocks, nothing)
+    assert more is not None and more.extends(half.first_blocks)
+
+
+def test_an_exhaustive_sweep_is_what_it_was_before_there_were_adaptive_ones() -> None:
+    base = Sweep.from_spec("fig11d")
+    assert Sweep.from_spec("fig11d", ["adaptive=1"]).sweep_id == base.sweep_id
+    assert not any("adaptive" in line for line in base.settings())
+    assert base.budget == base.cells == base.first_blocks.planned_cells
+    assert base.more_blocks(base.first_blocks, np.zeros(base.cells)) is None
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
@@ -76,6 +96,10 @@ def test_blocks_cover_every_cell_once(nx: int, ny: int, block_cells: int) -> Non
         (["periods=7"], "periods = 7"),
         (["block_cells=0"], "block_cells = 0"),
         (["block_cells=5000"], "block_cells = 5000"),
+        (["adaptive=0"], "adaptive = 0"),
+        (["adaptive=1.1"], "adaptive = 1.1"),
+        (["adaptive=nan"], "adaptive = nan"),
+        (["adaptive=half"], "adaptive = 'half'"),
         (["colour=red"], "colour = 'red'"),
         (["classifier.correlation=2"], "classifier.correlation"),
         (["nonsense"], "nonsense"),

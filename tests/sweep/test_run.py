@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.thresholds import HELMHOLTZ, REGIMES
 from bow_sim.files import replacing
-from bow_sweep.basin import HELMHOLTZ, Basin
+from bow_sweep.basin import Basin
 from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
 from bow_sweep.run import LEDGER, Run, RunError, lock, read_ledger

@@ -58,6 +58,7 @@ def plan(state: int = 1, epoch: int = 1, run: str = RUN, nx: int = 8, ny: int = 
         "fingerprint": "none",
         "classifier": "none",
         "block_states": states,
+        "rounds": np.zeros(0, np.uint8),
     }
 
 

@@ -25,7 +25,7 @@ def rows(path: Path, entity: str, component: str) -> list[tuple[dict[str, int], 
             if component not in names:
                 continue
             times = {
-                name: batch.column(name).cast("int64") for name in ("log_time", "sweep", "sample") if name in names
+                name: batch.column(name).cast("int64") for name in ("log_time", "sweep", "sample", "periods") if name in names
             }
             for row, value in enumerate(batch.column(component)):
                 found.append(({name: column[row].as_py() for name, column in times.items()}, value.as_py()))

@@ -105,6 +105,64 @@ def test_the_coordinators_verdicts_become_a_map():
     assert result.transient_periods[0, :3].tolist() == [5, 10, 0]
     assert np.isnan(result.transient_periods.ravel()[3:]).all()
     assert result.helmholtz[:, 0, :3].tolist() == [[True, False, False], [True, True, False]]
+    assert result.regimes[:, 0, 1].tolist() == [NAMES.index("aperiodic"), NAMES.index("helmholtz")]
+    assert (result.confidence[:, 0, :3] == 1).all()
     assert result.test_periods.tolist() == [5, 10]
     assert result.sweep_id == sweep.sweep_id
     assert result.periods == 10
+    assert result.simulated is None
+
+
+def test_which_cells_were_simulated_is_kept(tmp_path):
+    result = replace(map_file(), simulated=np.arange(32).reshape(4, 8) % 3 == 0)
+    write_map_npz(tmp_path / "map.npz", result)
+    assert np.array_equal(read_map_npz(tmp_path / "map.npz").simulated, result.simulated)
+    with pytest.raises(MapFileError, match="simulated"):
+        write_map_npz(tmp_path / "map.npz", replace(result, simulated=np.ones((3, 3), bool)))
+
+
+def with_history():
+    """A map in which cell (0, 0) passed, regressed and ends in double slip, and cell (1, 0) is flattened."""
+    plain = map_file(tests=3)
+    regimes = np.full((3, 4, 8), REGIMES.index("helmholtz"), np.uint8)
+    regimes[1:, 0, 0] = REGIMES.index("multiple_slip")
+    period, slips = plain.period.copy(), plain.slips.copy()
+    period[2, 0, 1], slips[2, 0, 0] = 139 * 2 ** (1 / 120), 10
+    return replace(
+        plain, regimes=regimes, helmholtz=regimes == REGIMES.index("helmholtz"), regime=regimes[-1], period=period,
+        slips=slips, confidence=np.full((3, 4, 8), 0.75, np.float32),
+    )  # fmt: skip
+
+
+def test_the_history_of_every_cell_is_kept_and_what_follows_from_it_is_written_beside(tmp_path):
+    write_map_npz(tmp_path / "map.npz", with_history())
+    read = read_map_npz(tmp_path / "map.npz")
+    for name in ("regimes", "confidence"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(with_history(), name))
+    assert read.regressions[0, :2].tolist() == [1, 0]
+    assert read.flattening[0, 1] == pytest.approx(10, abs=1e-3)
+    assert np.isnan(read.flattening[0, 0])  # no Helmholtz motion at the end
+    assert read.count[0, :2].tolist() == [2, 1]
+    with np.load(tmp_path / "map.npz", allow_pickle=False) as file:
+        for name in ("regressions", "flattening", "count"):
+            np.testing.assert_array_equal(file[name], getattr(read, name), err_msg=name)
+
+
+def test_a_map_from_before_there_was_a_history_is_read_without(tmp_path):
+    write_map_npz(tmp_path / "map.npz", map_file())
+    read = read_map_npz(tmp_path / "map.npz")
+    assert read.regimes is None
+    assert read.confidence is None
+
+
+def test_helmholtz_motion_with_extra_slips_has_a_transient_length_like_any():
+    from bow_classifier.thresholds import REGIMES as NAMES
+    from bow_sweep.basin import Basin
+
+    basin = Basin(2, 1, 2)
+    for test, names_ in enumerate((["aperiodic", "helmholtz_extra_slips"], ["helmholtz_extra_slips", "multiple_slip"])):
+        verdict = dict.fromkeys(("correlation", "period", "slips", "corners", "confidence"), 1)
+        regime = np.array([NAMES.index(name) for name in names_], np.uint8)
+        basin.take(test, np.arange(2), {**verdict, "regime": regime})
+    assert basin.transient_periods.tolist() == [10, 5]
+    assert basin.helmholtz_fraction() == 1

@@ -147,6 +147,15 @@ def test_blocks_that_do_not_divide_the_map_are_counted_right():
     assert settled(snapshot, [0, 0, 0, 1]).done == 2
 
 
+def test_what_an_adaptive_sweep_has_not_planned_is_not_outstanding():
+    snapshot = Snapshot.from_message(basin_map()).with_plan(settings())
+    rounds = np.zeros(32, np.uint8)
+    rounds[:12], rounds[20:25] = 1, 2  # blocks of 8, 4 and 5
+    grown = settled(snapshot, [1, 2, 0], rounds)
+    assert (grown.done, grown.quarantined, grown.outstanding) == (8, 4, 5)
+    assert settled(snapshot, [1, 2, 0, 0], rounds) == snapshot  # a plan that contradicts itself
+
+
 def test_a_map_is_complete_when_it_holds_every_test_of_what_is_done():
     assert is_complete(settled(Snapshot.from_message(basin_map()).with_plan(settings()), [1, 1, 1, 1]))
     assert not is_complete(settled(Snapshot.from_message(basin_map(computed=20)).with_plan(settings()), [1, 1, 1, 0]))

@@ -1,0 +1,205 @@
+"""Periods longer than the nominal one: what repeats after two or three periods only, or at an anomalous low frequency.
+
+The first test looks for the period near the nominal one (:mod:`bow_classifier.periodicity`). Where it fails, this looks
+on, at lags up to three nominal periods: first in averages of eight samples, which costs little, then in the samples
+themselves around the shortest lag that looked as good as any.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from bow_sim import simd
+from bow_sim.simd import LANES
+
+from .periodicity import _CONSTANT, _add_coefficients, _best_maximum, _correlations, _products
+from .sources import VERSION
+
+load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
+
+COARSE = 8
+"""Samples averaged in the first look: it costs a sixty-fourth, and the second look finds its errors."""
+
+BESIDE = 10
+"""Samples searched on either side of what the first look found: it is right within `COARSE`, and maxima have sides."""
+
+SLACK = 0.08
+"""How far below the threshold a correlation of averages may lie and still be looked at."""
+
+SHORTER = 0.1
+"""How far below the highest maximum of averages one at a shorter lag may lie and still be looked at."""
+
+EQUAL = 0.02
+"""A shorter lag counts as good as the best when its correlation falls short by less."""
+
+
+@njit(nogil=True, error_model="numpy")
+def _averages(row, averages):
+    """Write the averages of eight samples each, the last ones at the end of the record."""
+    count = averages.shape[0]
+    begin = row.shape[0] - COARSE * count
+    level = np.float64(row[row.shape[0] - 1])  # near the mean: the sums then cancel less
+    for k in range(count):
+        t = begin + COARSE * k
+        left = (row[t] + row[t + 1]) + (row[t + 2] + row[t + 3])
+        right = (row[t + 4] + row[t + 5]) + (row[t + 6] + row[t + 7])
+        averages[k] = np.float64(left + right) / COARSE - level
+
+
+@njit(nogil=True, error_model="numpy")
+def _coarse(y, n, first, last, sums, r):
+    """Write the correlations of the last n of y with those a lag earlier to r[last - lag], lags first ... last."""
+    products, totals, squares = sums
+    begin = y.shape[0] - r.shape[0] - n  # y has a margin at its end: wide loads go beyond what is asked
+    _products(y, begin, n, last, products)
+    total, square = 0.0, 0.0
+    for t in range(begin, begin + n):
+        total += y[t]
+        square += y[t] * y[t]
+    one_nth = 1.0 / n
+    variation = square - total * total * one_nth
+    if not variation > _CONSTANT * square:
+        variation = np.nan
+    earlier, earlier_square = total, square
+    for lag in range(1, last + 1):
+        enters, leaves = y[begin - lag], y[begin - lag + n]
+        earlier += enters - leaves
+        earlier_square += (enters - leaves) * (enters + leaves)
+        if lag >= first:
+            totals[last - lag], squares[last - lag] = earlier, earlier_square
+    r[:] = 0.0
+    _add_coefficients(products, total * one_nth, variation, totals, squares, square, one_nth, r)
+
+
+@njit(nogil=True, error_model="numpy")
+def _is_maximum(r, i):
+    return r[i - 1] < r[i] >= r[i + 1]
+
+
+@njit(nogil=True, error_model="numpy")
+def _within(lag, shortest, longest):
+    """Return the middle, in samples, of the search around a lag in averages."""
+    return min(max(COARSE * lag, shortest), longest)
+
+
+@njit(nogil=True, error_model="numpy")
+def _highest(r, count, least):
+    """Return the place in r of the highest maximum above `least`, -1 for none."""
+    found, best = -1, least
+    for i in range(1, count - 1):
+        if r[i] > best and _is_maximum(r, i):
+            found, best = i, r[i]
+    return found
+
+
+@njit(nogil=True, error_model="numpy")
+def _fine(x, samples, period, middle, sums, f):
+    """Return height and lag of the largest interior maximum within `BESIDE` of a lag; NaN for none."""
+    before = x.shape[0] - samples - f.shape[0]
+    _correlations(x, before, samples // period, period, middle - BESIDE, middle + BESIDE, sums, f)
+    height, at = _best_maximum(f[: 2 * BESIDE + 1])
+    return height, middle + BESIDE - at
+
+
+def build(version: int) -> Any:
+    """Make the compiled search, to be cached as this version; see `bow_classifier.sources`."""
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def search(record, start, period, shortest, longest, least, wanted, correlation, place):
+        end = record.shape[1]
+        samples = end - start
+        n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
+        lags = high - low + 1
+        wide = -(-lags // LANES) * LANES
+        y = np.zeros(n + high + 1 + wide)
+        r, coarse = np.empty(wide), (np.zeros(wide), np.zeros(wide), np.zeros(wide))
+        width = -(-(2 * BESIDE + 1) // LANES) * LANES
+        before = longest + BESIDE + 1
+        slide = max(width, before - period + 1)  # the sums slide from one period to the longest lag
+        x = np.zeros(before + samples + width)
+        f = np.empty(width)
+        sums = np.zeros(width), np.zeros(slide), np.zeros(slide)
+        for i in range(record.shape[0]):
+            if not wanted[i]:
+                continue
+            row = record[i]
+            _averages(row, y[: n + high + 1])
+            _coarse(y, n, low, high, coarse, r)
+            best = _highest(r, lags, least - SLACK)
+            if best < 0:
+                continue
+            level = np.float64(row[start])
+            for t in range(before + samples):
+                x[t] = np.float64(row[start - before + t]) - level
+            height, lag = _fine(x, samples, period, _within(high - best, shortest, longest), sums, f)
+            for k in range(lags - 2, best, -1):  # what repeats after a lag repeats after its multiples, too
+                if r[k] > r[best] - SHORTER and _is_maximum(r, k):
+                    other, at = _fine(x, samples, period, _within(high - k, shortest, longest), sums, f)
+                    if other > least and not other < height - EQUAL:
+                        height, lag = other, at
+                        break
+            if height > least:
+                correlation[i] = height
+                place[i] = lag
+        return version
+
+    return search
+
+
+_search = build(VERSION)
+
+
+def reach(longest: int) -> int:
+    """Return how many samples must precede the window for lags up to `longest`."""
+    return -(-longest // COARSE) * COARSE + 2 * COARSE + BESIDE + 1
+
+
+def long_periods(
+    record: NDArray[np.float32],
+    start: int,
+    period: int,
+    lags: tuple[int, int],
+    least: float,
+    wanted: NDArray[np.bool_],
+    correlation: NDArray[np.float32],
+    place: NDArray[np.float32],
+) -> None:
+    """Replace correlation and period of the wanted cells that repeat after a long lag by those of that lag.
+
+    The correlation is that of the first test: the mean over the last five nominal periods, each with the same samples a
+    lag earlier, at the interior maximum of the quadratic through three neighbouring lags.
+
+    Parameters
+    ----------
+    record
+        (cells, start + samples) bridge force; the window, whole periods, is ``record[:, start:]``.
+    start
+        Samples before the window, `reach` of the longest lag or more.
+    period
+        Nominal period, samples.
+    lags
+        Shortest and longest lag, samples; the shortest is longer than the period.
+    least
+        Correlation that counts as periodic; what stays below changes nothing.
+    wanted
+        (cells,) where to look.
+    correlation, place
+        (cells,) results of the first test; changed in place. Place in samples.
+
+    Raises
+    ------
+    ValueError
+        Where the record does not reach far enough back, or the lags are not beyond the period.
+    """
+    shortest, longest = lags
+    samples = record.shape[1] - start
+    if not period < shortest < longest or start < reach(longest) or samples <= 0 or samples % period:
+        raise ValueError(
+            f"record {record.shape} with the window from {start}: lags {shortest} ... {longest} should lie beyond the "
+            f"period {period}, the window should hold whole periods, and {reach(longest)} samples should precede it"
+        )
+    _search(np.ascontiguousarray(record), start, period, shortest, longest, least, wanted, correlation, place)

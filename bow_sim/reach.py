@@ -1,0 +1,111 @@
+"""How far a graph reaches: this machine and no further, unless the environment asks for more.
+
+ROS's own variables ask: ``ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET`` (all machines that multicast reaches),
+``ROS_STATIC_PEERS=HOST;HOST`` (these), ``ROS_DISCOVERY_SERVER=HOST:PORT``. Each machine of a graph has to ask.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+import socket
+from collections.abc import Mapping
+from pathlib import Path
+
+RANGE, PEERS, SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"
+PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+DOMAIN = "ROS_DOMAIN_ID"
+
+SUBNET, LOCALHOST = "SUBNET", "LOCALHOST"
+
+LOOPBACK_PROFILE, NETWORK_PROFILE = "fastdds.xml", "fastdds_network.xml"
+"""Our middleware profiles, in config/: UDP on 127.0.0.1 alone, and on every interface; both with shared memory."""
+
+_HOST = re.compile(r"[0-9A-Za-z]([0-9A-Za-z.-]*[0-9A-Za-z])?")
+
+
+class ReachError(ValueError):
+    """A machine that cannot be meant; says which and what would be right."""
+
+
+def goes_beyond(environment: Mapping[str, str]) -> bool:
+    """Return whether an environment asks for more than this machine."""
+    given = environment.get(RANGE, LOCALHOST).upper()
+    return given not in (LOCALHOST, "OFF") or bool(environment.get(PEERS) or environment.get(SERVER))
+
+
+def defaults(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that an environment leaves to us: how far, and the profile that goes with it."""
+    out = {} if RANGE in environment else {RANGE: LOCALHOST}
+    if PROFILE not in environment:
+        profile = find_profile(NETWORK_PROFILE if goes_beyond(environment) else LOOPBACK_PROFILE)
+        if profile is not None:
+            out[PROFILE] = str(profile)
+    return out
+
+
+def find_profile(name: str) -> Path | None:
+    """Return where one of our profiles is: config/ of the source tree, or share/bow/config of the prefix we live in."""
+    for above in Path(__file__).resolve().parents:
+        for profile in (above / "config" / name, above / "share" / "bow" / "config" / name):
+            if profile.is_file():
+                return profile
+    return None
+
+
+def asked(network: str) -> dict[str, str]:
+    """Return the variables that ``--network WHERE`` stands for.
+
+    Parameters
+    ----------
+    network
+        "SUBNET", or the names or IPv4 addresses of other machines, separated by commas.
+
+    Raises
+    ------
+    ReachError
+        Where a machine is not known.
+    """
+    if network.upper() == SUBNET:
+        return {RANGE: SUBNET}
+    hosts = [host.strip() for host in network.split(",")]
+    for host in hosts:
+        try:
+            if not _HOST.fullmatch(host):
+                raise OSError("no name of a machine")
+            socket.getaddrinfo(host, None, socket.AF_INET)
+        except OSError as error:
+            reason = error.strerror or error
+            raise ReachError(f"{host!r}: {reason}; should be SUBNET, or machines: 10.0.0.2,10.0.0.3") from None
+    return {RANGE: LOCALHOST, PEERS: ";".join(hosts)}
+
+
+def joining(namespace: str, environment: Mapping[str, str]) -> str:
+    """Return the command that adds a simulator of another machine to the graph in `namespace`."""
+    words = []
+    if environment.get(SERVER):
+        words += [f"{SERVER}={environment[SERVER]}", "ROS_SUPER_CLIENT=TRUE"]
+    elif environment.get(PEERS):
+        words.append(f"{PEERS}={_own_address(environment[PEERS].split(';')[0])}")
+    else:
+        words.append(f"{RANGE}={environment.get(RANGE, SUBNET)}")
+    if environment.get(DOMAIN):
+        words.append(f"{DOMAIN}={environment[DOMAIN]}")
+    return " ".join([*words, "bow", "simulator", "--ros-args", "-r", f"__ns:={namespace}"])
+
+
+def _own_address(peer: str) -> str:
+    """Return the address under which another machine reaches this one: that of the interface towards it."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect((peer, 9))  # sends nothing
+            address = probe.getsockname()[0]
+        except OSError:
+            return socket.gethostname()
+    return socket.gethostname() if ipaddress.ip_address(address).is_loopback else str(address)
+
+
+def apply_defaults() -> None:
+    """Fill in the environment of this process, before it loads the middleware."""
+    os.environ.update(defaults(os.environ))

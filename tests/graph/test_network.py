@@ -1,0 +1,167 @@
+"""A sweep on two machines, one of which holds only simulators; and one that no other machine hears or reaches."""
+
+import contextlib
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, run_sweep, sweeping, verified
+from machines import ADDRESSES, FAR, NEAR, Machines, machines
+
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
+
+LONG = ["fig11d", "--nx", "64", "--ny", "48", "--set", "block_cells=32"]
+"""3072 cells in 96 blocks: enough that a simulator that comes late gets its share."""
+
+LOOK = "import sys, rclpy; from bow_sim.ros import use_local_defaults; use_local_defaults(); rclpy.init()\n" + (
+    "import time; node = rclpy.create_node('eye'); end = time.monotonic() + float(sys.argv[1])\n"
+    "while time.monotonic() < end: rclpy.spin_once(node, timeout_sec=0.1)\n"
+    "print(*[f'{space}/{name}' for name, space in node.get_node_names_and_namespaces()])"
+)
+"""Prints the nodes that are discovered within some seconds."""
+
+
+@pytest.fixture
+def two(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machines]:
+    """Two machines joined by a cable."""
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")  # as users have it
+    with contextlib.ExitStack() as stack:
+        try:
+            made = stack.enter_context(machines())
+        except OSError as error:
+            pytest.skip(f"this user cannot make network namespaces (unshare, nsenter, ip): {error}")
+        yield made
+
+
+def computed_by(run: Path) -> Counter[str]:
+    """Return how many blocks each simulator has done, by the ledger."""
+    entries = [json.loads(line) for line in (run / "ledger.jsonl").read_text().splitlines()]
+    hands = {(e["block"], e["attempt"]): e["simulator"] for e in entries if e["event"] == "dispatched"}
+    return Counter(hands[e["block"], e["attempt"]] for e in entries if e["event"] == "done")
+
+
+@contextlib.contextmanager
+def joined(two: Machines, sweep: Sweep, log: Path) -> Iterator[None]:
+    """Start a simulator on the other machine, by the very line that the sweep prints."""
+    sweep.wait_until(lambda: "join with: " in sweep.text)
+    line = re.search("join with: (.*)", sweep.text)
+    assert line
+    with open(log, "wb") as output:
+        simulator = subprocess.Popen(two.command(FAR, "sh", "-c", f"exec env {line[1]}"), stdout=output, stderr=output)
+    try:
+        yield
+        assert simulator.poll() is None, log.read_text()
+    finally:
+        simulator.terminate()
+        simulator.wait(30)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sweep on one machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", "101")
+        return run_sweep(tmp_path_factory.mktemp("alone") / "run", *LONG)
+
+
+@pytest.mark.parametrize("where", ["SUBNET", ADDRESSES[FAR]])
+def test_simulators_of_another_machine_share_the_work_and_the_map_is_the_same(
+    where: str, two: Machines, alone: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    arguments = [*LONG, "--simulators", "1", "--network", where, "--out", str(run)]
+    with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep, joined(two, sweep, tmp_path / "far.log"):
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(alone, run)
+    shares = computed_by(run)
+    assert sum(shares.values()) == 96
+    (here,) = [name for name in shares if name.endswith("/simulator_1")]
+    (there,) = [name for name in shares if name != here]
+    assert min(shares[here], shares[there]) >= 5, shares
+
+
+def test_machines_meet_at_a_discovery_server(
+    two: Machines, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = Path(sys.executable).with_name("fast-discovery-server")
+    if not server.exists():
+        pytest.skip("no fast-discovery-server here")
+    words = two.command(NEAR, str(server), "-i", "0", "-l", ADDRESSES[NEAR], "-p", "11811")
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", f"{ADDRESSES[NEAR]}:11811")
+    monkeypatch.setenv("ROS_SUPER_CLIENT", "TRUE")
+    process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    run = tmp_path / "run"
+    arguments = [*LONG, "--simulators", "1", "--out", str(run)]
+    try:
+        with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep, joined(two, sweep, tmp_path / "far.log"):
+            assert sweep.wait() == 0, sweep.text
+    finally:
+        process.kill()
+        process.communicate()
+    verified(run)
+    assert_same_map(alone, run)
+    assert min(computed_by(run).values()) >= 5
+    assert len(computed_by(run)) == 2
+
+
+def test_the_work_of_a_machine_that_is_cut_off_goes_to_the_others(two: Machines, alone: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    arguments = [*LONG, "--simulators", "1", "--network", "SUBNET", "--out", str(run)]
+    with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep, joined(two, sweep, tmp_path / "far.log"):
+        sweep.wait_until(lambda: sweep.done_blocks() > 0 and len(computed_by(run)) == 2)
+        two.run(FAR, "ip", "link", "set", "cable1", "down")
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(alone, run)
+
+
+def test_nobody_else_hears_or_reaches_a_sweep_unless_asked(two: Machines, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    wide = ["env", "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET", f"ROS_STATIC_PEERS={ADDRESSES[NEAR]}"]
+    look = [sys.executable, "-c", LOOK]
+    slow = ["fig11d", "--set", "block_cells=1"]
+    with sweeping(run, *slow, "--out", str(run), outer=two.command(NEAR)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() > 0)
+        assert "join with" not in sweep.text
+        assert listening(two)
+        here = two.run(NEAR, *look, "6").split()
+        there = two.run(FAR, *wide, *look, "6").split()
+        assert {"coordinator", "recorder", "classifier", "simulator_1"} <= {name.rpartition("/")[2] for name in here}
+        assert there == ["//eye"]
+        assert two.run(NEAR, "ss", "-Hltn") == ""
+        sockets = listening(two)
+        open_to_others = [port for address, port, _ in sockets if address != "127.0.0.1"]
+        assert len(open_to_others) < len(sockets)
+        # Fast DDS sends from sockets that are bound to every interface; but nobody reads from them.
+        datagram = "import socket, sys\ns = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)\n" + (
+            f"for port in sys.argv[1:]: s.sendto(b'RTPS' + bytes(60), ('{ADDRESSES[NEAR]}', int(port)))"
+        )
+        two.run(FAR, sys.executable, "-c", datagram, *map(str, open_to_others))
+        time.sleep(1)
+        waiting = {port: size for _, port, size in listening(two)}
+        assert all(waiting[port] > 0 for port in open_to_others), waiting
+
+
+def listening(two: Machines) -> list[tuple[str, int, int]]:
+    """Return the UDP sockets of the first machine: address, port, bytes that came and were not read."""
+    lines = [line.split() for line in two.run(NEAR, "ss", "-Hlun").splitlines()]
+    return [(words[3].rpartition(":")[0], int(words[3].rpartition(":")[2]), int(words[1])) for words in lines]
+
+
+def test_a_machine_that_is_not_known_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "bow_sweep.cli", "sweep", *SMALL, "--out", str(tmp_path / "run")]
+    for wrong in ("no.such.machine.invalid", "10.0.0.1;rm", "10.0.0.1,,10.0.0.2"):
+        asked = [*words, "--network", wrong]
+        result = subprocess.run(asked, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert result.returncode == 2
+        assert "should be SUBNET, or machines" in result.stderr
+        assert not (tmp_path / "run").exists()
