@@ -52,10 +52,11 @@ def _run(made: targets.Targets, chosen: dict[str, tuple[int, targets.Case]], cas
     failed: collections.Counter[str] = collections.Counter()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.monotonic()
-    done = 0
+    done = passed = 0
     print(f"{'target':10} {'cases':>7} {'failed':>7} {'mean ms':>8} {'max ms':>8}")
     for name, (share, case) in chosen.items():
-        count, longest, spent = max(1, cases * share // total), 0.0, 0.0
+        passed += share
+        count, longest, spent = cases * passed // total - done, 0.0, 0.0
         with bounded_memory():
             for number in range(count):
                 start = time.perf_counter()
@@ -72,7 +73,9 @@ def _run(made: targets.Targets, chosen: dict[str, tuple[int, targets.Case]], cas
                     failed[name] += 1
                     print(f"  {name}, seed {seed + number}: took {seconds:.1f} s")
         done += count
-        print(f"{name:10} {count:7} {failed[name]:7} {1e3 * spent / count:8.2f} {1e3 * longest:8.1f}", flush=True)
+        print(
+            f"{name:10} {count:7} {failed[name]:7} {1e3 * spent / max(count, 1):8.2f} {1e3 * longest:8.1f}", flush=True
+        )
     made.check_room()
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
     seconds = time.monotonic() - began

@@ -45,7 +45,7 @@ def wilson(right: float, of: float, z: float = 1.96) -> tuple[float, float]:
 def percent(right: float, of: float) -> str:
     """Return a share and its interval."""
     low, high = wilson(right, of)
-    return f"{100 * right / max(of, 1):.0f} % ({100 * low:.0f} ... {100 * high:.0f})"
+    return f"{100 * right / max(of, 1):.0f} % ({100 * max(low, 0):.0f} ... {100 * high:.0f})"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
@@ -197,7 +197,7 @@ def write(path: Path, tuned: Any, held: Any, drawn: Any, moves: Any, machine: st
         "", "## The regimes", "", *definitions(),
         "", "## The thresholds", "", *thresholds(),
         "", "## Cells labelled by eye", "",
-        "**Held out**, looked at once, after everything was fixed: " + accuracy(held) + ".", "", *confusion(held),
+        "**Held out**, not used for any decision: " + accuracy(held) + ".", "", *confusion(held),
         "", "The half that the thresholds were tuned on, for comparison: " + accuracy(tuned) + ".",
         "", *confusion(tuned),
         "", "## Generated records", "",

@@ -67,7 +67,7 @@ def build(version: int) -> Any:
         tally = np.empty(factors.shape[0], np.int64)
         for i in range(record.shape[0]):
             levels[:] = factors * level[i]
-            lowest = levels.min()
+            lowest, highest = levels.min(), levels.max()
             tally[:] = 0
             row, back = i * end, delay[i]
             latest, apart = -end, 0
@@ -77,6 +77,8 @@ def build(version: int) -> Any:
                 now = load(record, at) - load(record, at - back)
                 if bits_of(absolute(now) > lowest):  # most groups lie below every level: no onset there
                     before = load(record, at - 1) - load(record, at - 1 - back)
+                    if not bits_of(((now > lowest) & (before <= highest)) | ((now < -lowest) & (before >= -highest))):
+                        continue  # others stay above
                     for k in range(levels.shape[0]):
                         onsets = _onsets(now, before, levels[k]) >> (group - first)
                         tally[k] += _ONES[onsets]

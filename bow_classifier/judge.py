@@ -23,7 +23,6 @@ from .regimes import is_helmholtz
 from .slips import Intervals, Slips, Unfinished, slips
 from .thresholds import Thresholds
 
-
 FEW = 8
 """Counts below this may be one a period, to the nearest whole number, in five nominal periods of an actual one."""
 

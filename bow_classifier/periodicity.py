@@ -45,34 +45,41 @@ class Periodicity(NamedTuple):
 
 
 @njit(nogil=True, error_model="numpy")
-def _moments(x, begin, n):
-    """Return the sums of x and of x squared over n samples."""
-    s0, s1, s2, s3 = 0.0, 0.0, 0.0, 0.0  # four sums at once: one alone would wait for each addition
-    q0, q1, q2, q3 = 0.0, 0.0, 0.0, 0.0
-    y = x[begin : begin + n]
-    for t in range(0, n - 3, 4):
-        s0, s1, s2, s3 = s0 + y[t], s1 + y[t + 1], s2 + y[t + 2], s3 + y[t + 3]
-        q0, q1 = q0 + y[t] * y[t], q1 + y[t + 1] * y[t + 1]
-        q2, q3 = q2 + y[t + 2] * y[t + 2], q3 + y[t + 3] * y[t + 3]
-    for t in range(n // 4 * 4, n):
-        s0 += y[t]
-        q0 += y[t] * y[t]
-    return (s0 + s2) + (s1 + s3), (q0 + q2) + (q1 + q3)
+def _moments(x, begin, n, eight):
+    """Return the sums of x and of x squared over n samples; `eight` is room for eight lanes."""
+    s, q = spread(0.0), spread(0.0)
+    whole = begin + n // LANES * LANES
+    for t in range(begin, whole, LANES):
+        y = load(x, t)
+        s, q = s + y, q + y * y
+    store(eight, 0, s)
+    total = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
+    store(eight, 0, q)
+    square = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
+    for t in range(whole, begin + n):
+        total += x[t]
+        square += x[t] * x[t]
+    return total, square
 
 
 @njit(nogil=True, error_model="numpy")
 def _products(x, begin, n, lag, products):
-    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time."""
+    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
+
+    The samples are counted from 0: of indices that cannot be negative Numba need not find out whether they are, which
+    took half of the time.
+    """
+    y = x[begin : begin + n]
     for i in range(0, products.shape[0], LANES):
-        earlier = i - lag
+        earlier = begin + i - lag
         a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
-        for t in range(begin, begin + n - 3, 4):
-            a = a + x[t] * load(x, t + earlier)
-            b = b + x[t + 1] * load(x, t + 1 + earlier)
-            c = c + x[t + 2] * load(x, t + 2 + earlier)
-            d = d + x[t + 3] * load(x, t + 3 + earlier)
-        for t in range(begin + n // 4 * 4, begin + n):
-            a = a + x[t] * load(x, t + earlier)
+        for t in range(0, n - 3, 4):
+            a = a + y[t] * load(x, t + earlier)
+            b = b + y[t + 1] * load(x, t + 1 + earlier)
+            c = c + y[t + 2] * load(x, t + 2 + earlier)
+            d = d + y[t + 3] * load(x, t + 3 + earlier)
+        for t in range(n // 4 * 4, n):
+            a = a + y[t] * load(x, t + earlier)
         store(products, i, (a + c) + (b + d))
 
 
@@ -117,10 +124,10 @@ def _correlations(x, start, windows, n, first, last, sums, r):
     r[:] = 0.0
     one_nth = 1.0 / n  # divisions would take a third of the time
     sum_total, sum_square = 0.0, 0.0
-    earlier, earlier_square = _moments(x, start - n, n)
+    earlier, earlier_square = _moments(x, start - n, n, products)
     for w in range(windows):
         begin = start + w * n
-        total, square = _moments(x, begin, n)
+        total, square = _moments(x, begin, n, products)
         variation = square - total * total * one_nth
         if not variation > _CONSTANT * square:
             variation = np.nan

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -68,7 +69,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
 
 _NO_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, EOFError, KeyError, TypeError, OverflowError, NotImplementedError),
-    *(RuntimeError, SyntaxError, MemoryError, OSError),  # RuntimeError also where a member is encrypted
+    *(RuntimeError, SyntaxError, tokenize.TokenError, MemoryError, OSError),  # RuntimeError: an encrypted member
 )
 """What zipfile and NumPy raise over bytes that are not what they should be, beside ValueError."""
 

@@ -42,6 +42,9 @@ CRASHES_WITHIN_S = 20.0
 LOOK_S = 0.5
 """Between two looks at what shared memory the processes have."""
 
+NICE = {"dashboard": 10}
+"""Pictures wait where cores are short; the sweep does not."""
+
 PR_SET_PDEATHSIG = 1
 
 
@@ -77,15 +80,16 @@ class Death:
         return f"exit status {self.status}"
 
 
-def _die_with_parent() -> None:
+def _be_a_child(role: str) -> None:
     """Run in the child first of all: get SIGTERM when the supervisor dies, and no Ctrl-C of the terminal."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    os.nice(NICE.get(role, 0))
     os.setpgid(0, 0)
 
 
-def _main(name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
+def _main(role: str, name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
     """Be a node in a copy of the supervisor: under its own name, as if the command had started it."""
-    _die_with_parent()
+    _be_a_child(role)
     os.environ.update(environment)
     _, _, module, *arguments = command
     setproctitle.setproctitle(f"bow {' '.join(arguments)}")  # names first, as what has no room is cut off
@@ -125,7 +129,7 @@ class Supervisor:
         environment = {"ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"}
         process: subprocess.Popen[bytes] | Forked
         if "rclpy" not in sys.modules:  # from then on this process has threads of ROS that a copy would lack
-            process = Forked(partial(_main, name, command, environment), log)
+            process = Forked(partial(_main, role, name, command, environment), log)
         else:
             with open(log, "ab") as output:
                 process = subprocess.Popen(
@@ -134,7 +138,7 @@ class Supervisor:
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     env={**os.environ, **environment},
-                    preexec_fn=_die_with_parent,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
+                    preexec_fn=partial(_be_a_child, role),  # noqa: PLW1509  # no threads of ours hold locks that a child needs
                 )
         child = Child(role, name, process, log)
         self.children.append(child)

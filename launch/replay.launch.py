@@ -2,7 +2,7 @@
 
 Plays the bag's streams with `ros2 bag play` into a namespace of its own, where live graphs don't hear it. Watch it with
 rerun, `ros2 topic echo /bow/replay/verdicts`, or anything else. To check a run, `bow replay RUN` needs no graph and is
-faster.
+faster; `bow replay RUN --graph` checks it through DDS, with flow control.
 """
 
 import os

@@ -1,7 +1,7 @@
 """What every cell went through, as a rerun recording of a finished map: `python -m bow_sweep.view.history RUN`.
 
 The timeline `periods` steps through the tests: regime, correlation, period and confidence at each. Beside them stands
-what sums a history up: transient length, regressions, flattening at the end, the number that belongs to a regime's name.
+what sums a history up: transient length, regressions, flattening at the end, the number that belongs to the regime.
 """
 
 from __future__ import annotations

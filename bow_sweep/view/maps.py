@@ -139,8 +139,9 @@ def write_map_npz(path: str | Path, result: MapFile) -> None:
     """Write a map; readers see the old file or the new one, never half of it.
 
     The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
-    `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY` (tests,
-    ny, nx), `test_periods` (tests), `settings`, and the names of `TEXTS`; for an adaptive sweep `simulated` (ny, nx).
+    `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY`
+    (tests, ny, nx), `test_periods` (tests), `settings`, the names of `TEXTS`; for an adaptive sweep `simulated` (ny,
+    nx).
 
     Raises
     ------

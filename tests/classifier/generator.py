@@ -1,8 +1,8 @@
 """Records of every regime with known truth, as worn as real ones: jitter, drift, flattening, ripples, rounding, noise.
 
 Like :mod:`kinematics`, nothing here is simulated and nothing asks the classifier: a regime is drawn as its definition
-(:mod:`bow_classifier.regimes`) says, cycle by cycle, in Raman's manner. A cycle has corners, jumps of the bridge force in
-units of v_b/beta, and slips, in units of v_b N; between corners the force is the ramp that brings it back.
+(:mod:`bow_classifier.regimes`) says, cycle by cycle, in Raman's manner. A cycle has corners, jumps of the bridge force
+in units of v_b/beta, and slips, in units of v_b N; between corners the force is the ramp that brings it back.
 """
 
 from __future__ import annotations

@@ -6,9 +6,7 @@ A case passes where the answer is right or a clear refusal; whatever else is rai
 
 from __future__ import annotations
 
-import dataclasses
 import functools
-import io
 import json
 import random
 import shutil
@@ -20,12 +18,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import yaml
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "record"))
 
 import recording
-from chance import mutated, odd_array, odd_json, odd_number, odd_text, sealed
+from chance import mutated, odd_array, odd_json, odd_text, sealed
+from material import odd_archive, odd_settings, odd_yaml
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
@@ -33,7 +31,7 @@ from bow_sim import wire
 from bow_sim.blocks import Blocks
 from bow_sim.kernel import Block
 from bow_sim.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
-from bow_sim.model import FIELDS, ParameterError
+from bow_sim.model import ParameterError
 from bow_sweep import plan as plans
 from bow_sweep.basin import Basin
 from bow_sweep.ledger import Ledger
@@ -52,8 +50,6 @@ Case = Callable[[Chance], None]
 
 SWEEP = recording.small_sweep()
 CHUNK = recording.chunks(SWEEP, 1)[2]
-WORDS = [*FIELDS, *(f"{a}.{n}" for a in "xy" for n in ("name", "scale", "first", "last", "count")), "block_cells"]
-WORDS += [f"classifier.{field.name}" for field in dataclasses.fields(SWEEP.thresholds)]
 
 
 class Targets:
@@ -351,65 +347,6 @@ def messages() -> dict[str, bytes]:
         "BasinMap": wire.encode("BasinMap", basin),
     }
     return {name: known[name] for name in wire.FIELDS if name in known}
-
-
-def odd_settings(chance: Chance) -> list[str]:
-    """Return a few settings, some of them right."""
-    lines = []
-    for _ in range(chance.randrange(5)):
-        name = chance.choice(WORDS) if chance.random() < 0.95 else odd_text(chance)
-        field = FIELDS.get(name)
-        value = chance.choice([odd_number(chance), odd_number(chance), odd_text(chance)])
-        if field is not None and "choices" in field.metadata and chance.random() < 0.8:
-            value = chance.choice(field.metadata["choices"])
-        elif name.endswith("_function") or (name.endswith(".name") and chance.random() < 0.8):
-            value = chance.choice(sorted(FIELDS)) if name.endswith(".name") else odd_function(chance)
-        lines.append(f"{name}={value}" if chance.random() < 0.98 else odd_text(chance))
-    return lines
-
-
-def odd_function(chance: Chance) -> str:
-    """Return the text of a reflection function that may be one."""
-    taps = ",".join(chance.choice(["-0.5", "0.1", "nan", "1e308", "", "x"]) for _ in range(chance.choice([1, 1, 3])))
-    words = [f"first={odd_number(chance)}", f"taps={taps}", f"tail={odd_number(chance)}", f"pole={odd_number(chance)}"]
-    return " ".join(words[: chance.randrange(1, 5)])
-
-
-def odd_yaml(chance: Chance) -> bytes:
-    """Return YAML that is no preset, or one that multiplies itself."""
-    if chance.random() < 0.2:
-        lines = ["a0: &a0 {x: 1}"] + [f"a{n}: &a{n} {{p: *a{n - 1}, q: *a{n - 1}, r: *a{n - 1}}}" for n in range(1, 40)]
-        return "\n".join(lines).encode()
-    if chance.random() < 0.1:
-        return b"[" * chance.randrange(20_000)
-    return yaml.safe_dump(odd_json(chance)).encode()
-
-
-def odd_archive(chance: Chance, whole: bytes) -> bytes:
-    """Return an archive in which arrays are replaced by others, or claim a size that they don't have."""
-    with np.load(io.BytesIO(whole)) as file:
-        arrays = dict(file.items())
-    for _ in range(chance.randrange(1, 4)):
-        name = chance.choice(sorted(arrays))
-        arrays[name] = chance.choice(
-            [np.zeros(3), np.array("text"), np.zeros((2, 2, 2), np.uint8), np.array(0), np.full(4, np.nan)]
-        )
-    out = io.BytesIO()
-    np.savez(out, **arrays)
-    data = out.getvalue()
-    if chance.random() < 0.6:
-        import zipfile
-
-        header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d, %d), }" % (
-            chance.choice([10**6, 10**12, 2**63, -1, 10**30]),
-            chance.choice([1, 0, 4096, 10**9]),
-        )
-        header += b" " * (-(len(header) + 11) % 64) + b"\n"
-        lie = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(64)
-        with zipfile.ZipFile(out, "a") as archive:
-            archive.writestr(f"{chance.choice(['liar', 'bomb'])}.npy", lie)
-        data = out.getvalue()
-    return data
 
 
 def make(room: Path) -> Targets:

@@ -33,9 +33,9 @@ def header(shape: str, descr: str = "'<f8'") -> bytes:
         (header("(-8,)") + bytes(64), "in 64 bytes"),
         (header("(7,)") + bytes(64), "in 64 bytes"),
         (header("(8,)", "'|O'") + bytes(64), "object"),
-        (header("(8", "'<f8'"), ""),
+        (header("(8", "'<f8'"), "multi-line"),
         (b"\x93NUMPY\x03\x00" + bytes(64), "version"),
-        (b"MZ", ""),
+        (b"MZ", "magic string"),
     ],
 )
 def test_an_array_that_claims_what_it_does_not_hold_is_refused(data: bytes, message: str, tmp_path: Path) -> None:

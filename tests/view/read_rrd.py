@@ -24,9 +24,8 @@ def rows(path: Path, entity: str, component: str) -> list[tuple[dict[str, int], 
             names = set(batch.schema.names)
             if component not in names:
                 continue
-            times = {
-                name: batch.column(name).cast("int64") for name in ("log_time", "sweep", "sample", "periods") if name in names
-            }
+            lines = ("log_time", "sweep", "sample", "periods")
+            times = {name: batch.column(name).cast("int64") for name in lines if name in names}
             for row, value in enumerate(batch.column(component)):
                 found.append(({name: column[row].as_py() for name, column in times.items()}, value.as_py()))
     return sorted(found, key=lambda entry: entry[0].get("log_time", 0))
