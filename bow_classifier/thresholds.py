@@ -73,7 +73,7 @@ class Thresholds:
         0.95, -1, 1, "", "least autocorrelation of periodic motion; the trial's start, ripples alone cost 1-3 %"
     )
     slip: float = _threshold(
-        0.12,
+        0.10,
         0,
         1,
         "v_b period",

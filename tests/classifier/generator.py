@@ -160,7 +160,7 @@ def helmholtz(rng: Generator) -> tuple[Sequence[Cycle], int]:
 def helmholtz_extra_slips(rng: Generator) -> tuple[Sequence[Cycle], int]:
     cycle = _helmholtz()
     places = np.sort(rng.choice(np.arange(34, 130, 12), rng.integers(1, 5), replace=False))
-    cycle.slips += [(float(at), 4, float(rng.uniform(0.003, 0.12))) for at in places]
+    cycle.slips += [(float(at), 4, float(rng.uniform(0.003, 0.10))) for at in places]
     return [cycle], 1
 
 
