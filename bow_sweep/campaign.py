@@ -19,7 +19,16 @@ from .run import REPORT, RunError
 FILE = "campaign.json"
 """What a campaign's directory is known by: its name and the settings over its presets."""
 
-OF_A_RUN = ("run_id", "sweep_id", "cells", "helmholtz_fraction", "median_transient_periods", "playability", "wall_seconds")
+OF_A_RUN = (
+    "run_id",
+    "sweep_id",
+    "cells",
+    "helmholtz_fraction",
+    "median_transient_periods",
+    "regimes",
+    "playability",
+    "wall_seconds",
+)
 """What a campaign's report repeats of every run's; the run's own has the rest."""
 
 

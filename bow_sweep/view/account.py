@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from bow_classifier.playability import MEASURES
 from bow_sim.blocks import Blocks
 from bow_sim.model import CHUNK_PERIODS, ParameterError
 
@@ -101,6 +103,24 @@ def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate
     ]
     parts += ["", *_regimes(snapshot), "", *_nodes(nodes, now), "", *_identity(snapshot)]
     return "\n".join(parts) + "\n"
+
+
+def playability_page(measured: Mapping[str, Any]) -> str:
+    """Return playability as Markdown: measure by measure, with the error that interleaved grids give.
+
+    Parameters
+    ----------
+    measured
+        What :func:`bow_classifier.playability.playability` found.
+    """
+    rows = []
+    for measure in MEASURES:
+        value, error = measured[measure.name]["value"], measured[measure.name]["error"]
+        scale, unit = (100, " %") if measure.unit == "%" else (1, f" {measure.unit}")
+        shown = "" if value is None else f"{scale * value:.3g}{unit}".rstrip()
+        rows.append((measure.title, shown, "" if error is None else f"{scale * error:.2g}"))
+    head = f"Of {measured['cells']} cells; what each measure means is in docs/terrain.md."
+    return "\n".join(["## Playability", head, "", *_table(("", "", "±"), rows)]) + "\n"
 
 
 def _setting(snapshot: Snapshot, name: str) -> str:

@@ -43,7 +43,7 @@ def send(blueprint: rrb.Blueprint, application: str, record: rr.RecordingStream)
 
 
 def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blueprint:
-    """Return the layout: a tab for the sweep, one for the tests and one for waveforms.
+    """Return the layout: a tab for the sweep, one for the tests, one for terrain and one for waveforms.
 
     Parameters
     ----------
@@ -82,6 +82,12 @@ def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blu
         grid_columns=2,
         name="Tests and regimes",
     )
+    terrain = rrb.Horizontal(
+        _plane("terrain", "Terrain (section IV.B), when the sweep has ended", furniture),
+        rrb.TextDocumentView(origin="playability", name="Playability"),
+        column_shares=[5, 2],
+        name="Terrain and playability",
+    )
     waves: list[rrb.View] = [
         rrb.TimeSeriesView(origin=f"waveform/{trace_name(cell)}", name=f"Bridge force of cell {cell}") for cell in cells
     ]
@@ -91,7 +97,7 @@ def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blu
         name="Waveforms (choose the timeline “sample” below)",
     )
     return rrb.Blueprint(
-        rrb.Tabs(sweep, tests, waveforms, active_tab=0),
+        rrb.Tabs(sweep, tests, terrain, waveforms, active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline="sweep", play_state="following"),

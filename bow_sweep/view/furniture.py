@@ -11,15 +11,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bow_classifier.terrain import TERRAINS
 from bow_sim.model import CHUNK_PERIODS
 
 from .layers import (
     BLACK,
     GREY,
+    TERRAIN_COLOURS,
     TEST_RANGES,
     Plane,
     regime_colours,
     regime_label,
+    terrain_label,
     transient_colours,
     viridis,
 )
@@ -124,6 +127,16 @@ def regime_furniture(plane: Plane) -> Furniture:
     colours = np.array([*regime_colours(plane.regime_names), GREY], np.uint8)
     names = [*map(regime_label, plane.regime_names), "pending"]
     _scale(made, plane, colours, names, "regime", extras=False, words_at=15.0)
+    return made
+
+
+def terrain_furniture(plane: Plane) -> Furniture:
+    """Return what stands around the terrain: a strip of its colours with their names."""
+    made = surroundings(plane)
+    made.bounds = ((made.bounds[0][0], made.bounds[0][1] + 8 * made.unit), made.bounds[1])
+    colours = np.array([*TERRAIN_COLOURS, GREY], np.uint8)
+    names = [*map(terrain_label, TERRAINS), "unknown"]
+    _scale(made, plane, colours, names, "terrain", extras=False, words_at=15.0)
     return made
 
 

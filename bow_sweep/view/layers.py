@@ -55,6 +55,10 @@ REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
 }
 """Okabe and Ito's colours, which colour-blind people tell apart; `SPARE_COLOURS` for regimes not named here."""
 
+TERRAIN_COLOURS = ((0, 0, 0), (0, 158, 115), (86, 180, 233), (213, 94, 0), (240, 228, 66))
+"""Of `bow_classifier.terrain.TERRAINS`, in their order: green is safe, blue uneven, orange and yellow dangerous. Okabe
+and Ito's."""
+
 SPARE_COLOURS = ((160, 110, 70), (250, 250, 250), (128, 0, 64), (0, 90, 60))
 
 MODEL_NAMES = {
@@ -296,3 +300,8 @@ def regime_label(name: str) -> str:
     """Return a regime's name for people."""
     label = name.replace("_", " ")
     return label.replace("helmholtz", "Helmholtz").replace("raman", "Raman")
+
+
+def terrain_label(kind: str) -> str:
+    """Return a kind of terrain in words."""
+    return {"safe_speckle": "speckle without black", "speckle": "speckle with black"}.get(kind, kind)

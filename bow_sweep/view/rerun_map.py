@@ -19,8 +19,10 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
+from bow_classifier.terrain import TERRAINS, UNKNOWN
+
 from .blueprint import NO_CELLS, arrange, send
-from .furniture import Furniture, layer_furniture, regime_furniture, transient_furniture
+from .furniture import Furniture, layer_furniture, regime_furniture, terrain_furniture, transient_furniture
 from .layers import (
     BLACK,
     CLEAR,
@@ -29,11 +31,13 @@ from .layers import (
     NEVER,
     NOT_COMPUTED,
     PENDING,
+    TERRAIN_COLOURS,
     TEST_LAYERS,
     TEST_RANGES,
     Snapshot,
     regime_colours,
     regime_label,
+    terrain_label,
     upright,
 )
 from .scope import Scope, trace_name
@@ -176,6 +180,7 @@ class Board:
         snapshot, log = self.snapshot, self._record.log
         tests = {f"tests/{name}": layer_furniture(snapshot, name) for name in TEST_LAYERS}
         self._furniture = {"map": transient_furniture(snapshot), **tests, "regime": regime_furniture(snapshot)}
+        self._furniture["terrain"] = terrain_furniture(snapshot)
         for place, furniture in self._furniture.items():
             self._draw(f"{place}/axes", furniture)
         masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
@@ -187,6 +192,11 @@ class Board:
         codes = [*range(len(snapshot.regime_names)), PENDING]
         regimes = [(code, label, (*colour, 255)) for code, label, colour in zip(codes, labels, colours, strict=True)]
         log("regime", rr.AnnotationContext(regimes), static=True)
+        kinds = [
+            (code, terrain_label(kind), (*colour, 255))
+            for code, (kind, colour) in enumerate(zip(TERRAINS, TERRAIN_COLOURS, strict=True))
+        ]
+        log("terrain", rr.AnnotationContext([*kinds, (UNKNOWN, "unknown", (*GREY, 255))]), static=True)
         for name, label, colour in zip(names, labels, colours, strict=True):
             visible = colour if max(colour) > 100 else PALE  # the darkest would be lost on a dark ground
             log(f"counts/{name}", rr.SeriesLines(names=label, colors=visible, widths=2.0), static=True)
@@ -264,6 +274,12 @@ class Board:
         """Log the accounts, Markdown."""
         self._now(among_samples=True)
         self._record.log("account", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+    def terrain(self, codes: np.ndarray, text: str) -> None:
+        """Log the terrain of the map, (ny, nx) codes, and what it says of playability, Markdown."""
+        self._now(among_samples=True)
+        self._record.log("terrain/codes", _codes(codes))
+        self._record.log("playability", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def flush(self) -> None:
         """See that all is in the file so far; what a killed process leaves can be read up to here."""

@@ -9,8 +9,13 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .account import Node, is_complete, page, settled
-from .layers import Snapshot
+import numpy as np
+
+from bow_classifier.playability import playability
+from bow_classifier.terrain import terrain
+
+from .account import Node, is_complete, page, playability_page, settled
+from .layers import NOT_COMPUTED, Snapshot
 from .rerun_map import Board
 
 FILE = "dashboard.rrd"
@@ -173,7 +178,15 @@ class Show:
         """Draw what is left and finish the file. A server goes on until :meth:`close`."""
         self._draw(self._next or self.board.snapshot)
         self._account(nodes, "finished" if self._plan["state"] == CLOSED else "interrupted")
+        self._terrain()
         self.board.finish()
+
+    def _terrain(self) -> None:
+        shown = self.board.snapshot
+        lengths = np.where(shown.mask() == NOT_COMPUTED, np.nan, shown.transient_periods)
+        if not np.isnan(lengths).all():
+            text = playability_page(playability(lengths, shown.regime, shown.regime_names))
+            self.board.terrain(terrain(lengths), text)
 
     def close(self) -> None:
         """Let go of everything."""

@@ -13,11 +13,8 @@ from bow_classifier.playability import MEASURES, Measure
 from bow_classifier.terrain import TERRAINS, UNKNOWN
 from bow_sim.page import BLUE, MUTED, style
 
-from .layers import BLACK, GREY, Plane, transient_colours
+from .layers import BLACK, GREY, TERRAIN_COLOURS, Plane, terrain_label, transient_colours
 from .sheet import Sheet, cell_pixels, label, paint, percent
-
-COLOURS = ((0, 0, 0), (0, 158, 115), (86, 180, 233), (213, 94, 0), (240, 228, 66))
-"""Of `TERRAINS`, in their order: green is safe, blue uneven, orange and yellow dangerous. Okabe and Ito's."""
 
 PANEL_PIXELS = (640, 320)
 DPI = 200
@@ -33,13 +30,8 @@ Panel = tuple[str, Plane, np.ndarray]
 def terrain_colours(codes: np.ndarray) -> np.ndarray:
     """Return the colour of each cell's terrain, (ny, nx, 3) uint8; grey where it is not known."""
     lookup = np.full((UNKNOWN + 1, 3), GREY, np.uint8)
-    lookup[: len(COLOURS)] = COLOURS
+    lookup[: len(TERRAIN_COLOURS)] = TERRAIN_COLOURS
     return lookup[codes]
-
-
-def terrain_label(kind: str) -> str:
-    """Return a kind of terrain in words."""
-    return {"safe_speckle": "speckle without black", "speckle": "speckle with black"}.get(kind, kind)
 
 
 def comparison(panels: Sequence[Panel], names: Sequence[str], numbers: Sequence[Mapping[str, Any]]) -> Figure:
@@ -133,7 +125,7 @@ def _areas(
     ax = sheet.axes(left, top, width, height)
     for row, run in enumerate(numbers):
         start = 0.0
-        for kind, colour in zip(TERRAINS, COLOURS, strict=True):
+        for kind, colour in zip(TERRAINS, TERRAIN_COLOURS, strict=True):
             share = run[kind]["value"] or 0.0
             ax.barh(row, share, 0.72, left=start, color=np.array(colour) / 255, edgecolor="white", linewidth=0.5)
             if share >= 0.06:
@@ -175,7 +167,7 @@ def terrain_figure(panels: Sequence[Panel]) -> Figure:
 
 def _kinds(sheet: Sheet, left: float, top: float, size: float) -> None:
     """Name the kinds of terrain in a row, in letters of a size in points."""
-    for kind, colour in zip(TERRAINS, COLOURS, strict=True):
+    for kind, colour in zip(TERRAINS, TERRAIN_COLOURS, strict=True):
         sheet.swatch(colour, left, top, 4 * size, 3.4 * size)
         sheet.text(left + 5.5 * size, top + 1.7 * size, terrain_label(kind), va="center", fontsize=size)
         left += (11 + 1.75 * len(terrain_label(kind))) * size

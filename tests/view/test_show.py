@@ -54,6 +54,15 @@ def test_a_sweep_is_over_when_the_plan_is_closed_and_the_map_is_whole(show, cloc
     assert rows(show.board.path, "progress/cells_done", "Scalars:scalars")[-1][1] == [32.0]
 
 
+def test_a_finished_map_has_its_terrain_and_its_playability(show):
+    show.map(basin_map())
+    show.finish([])
+    assert set(np.unique(image(show.board.path, "terrain/codes", "SegmentationImage", "u1"))) <= {0, 1, 2, 3, 4}
+    text = rows(show.board.path, "playability", "TextDocument:text")[-1][1][0]
+    assert text.startswith("## Playability\nOf 32 cells")
+    assert "largest contiguous area" in text
+
+
 @pytest.mark.parametrize(("maps", "patience"), [(0, FIRST_MAP_S), (1, LAST_MAP_S)])
 def test_a_last_map_that_never_comes_is_not_waited_for_long(show, clock, maps, patience):
     for _ in range(maps):
