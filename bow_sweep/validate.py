@@ -1,6 +1,6 @@
 """`bow validate`: what the paper states beside what this program finds, with a verdict for each claim.
 
-The claims are those of PHYSICS.md section 8 and the sections of the paper they come from. A row's verdict is *pass* or
+The claims are those of PHYSICS.md section 8, the sections of the paper they come from, and section IV.B. A row's verdict is *pass* or
 *fail* by a tolerance that the row gives with its reason; *report* where the paper's statement gives nothing to hold a
 number against; *needs runs* where it is about maps that were not given.
 """
@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from . import claims_maps, claims_modes, claims_motion
+from . import claims_maps, claims_modes, claims_motion, claims_terrain
 from .claims import FAIL, NEEDS_RUNS, PASS, REPORT, VERDICTS, Row
 from .papermaps import recognise
 
@@ -92,7 +92,7 @@ def validate(runs: Sequence[Path] = (), progress: Callable[[float, float], None]
         Where a run has no map, or it is none of the paper's six.
     """
     found = recognise(runs)
-    claims = [claim for part in (claims_modes, claims_motion, claims_maps) for claim in part.CLAIMS.all]
+    claims = [claim for part in (claims_modes, claims_motion, claims_maps, claims_terrain) for claim in part.CLAIMS.all]
     rows = []
     for done, claim in enumerate(claims):
         if progress:

@@ -1,0 +1,40 @@
+"""Eight rows of samples as eight columns, so that eight cells are worked on at once, each in a lane of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+
+from bow_sim.compiled import intrinsic
+from bow_sim.rows import _interleave
+from bow_sim.simd import LANES, LANES_OF, element_aligned, pointer, vector
+
+_I64 = ir.IntType(64)
+
+
+@intrinsic
+def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o: Any) -> Any:
+    """Write eight samples of eight rows of float32, less each row's level, as eight rows of float64.
+
+    ``out[o + 8 t + row] = x[i + row width + t] - level[row]`` for t and row in 0 ... 7, exactly: a difference of two
+    numbers of float32 of about the same size is one of float64.
+    """
+    if not (x.dtype is types.float32 and out.dtype is types.float64 and level is LANES_OF[types.float64]):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        x_value, i_value, w, less, out_value, o_value = args
+        single, double = vector(LANES_OF[types.float32]), vector(level)
+        rows = []
+        for row in range(LANES):
+            place = builder.add(i_value, builder.mul(w, ir.Constant(_I64, row)))
+            rows.append(element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x))
+        for t, column in enumerate(_interleave(builder, rows)):
+            value = builder.fsub(builder.fpext(column, double), less)
+            place = builder.add(o_value, ir.Constant(_I64, LANES * t))
+            element_aligned(builder.store(value, pointer(context, builder, out, out_value, place, double)), out)
+        return context.get_dummy_value()
+
+    return types.void(x, types.intp, types.intp, level, out, types.intp), codegen
