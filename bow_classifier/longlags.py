@@ -14,12 +14,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bow_sim import simd
-from bow_sim.simd import LANES
+from bow_sim.simd import LANES, choose, root
 
-from .periodicity import _CONSTANT, _add_coefficients, _best_maximum, _correlations, _products
+from .periodicity import CONSTANT
 from .sources import VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
+spread: Any = simd.spread
+store: Any = simd.store
 
 COARSE = 8
 """Samples averaged in the first look: it costs a sixty-fourth, and the second look finds its errors."""
@@ -35,6 +37,121 @@ SHORTER = 0.1
 
 EQUAL = 0.02
 """A shorter lag counts as good as the best when its correlation falls short by less."""
+
+
+@njit(nogil=True, error_model="numpy")
+def _moments(x, begin, n, eight):
+    """Return the sums of x and of x squared over n samples; `eight` is room for eight lanes."""
+    s, q = spread(0.0), spread(0.0)
+    whole = begin + n // LANES * LANES
+    for t in range(begin, whole, LANES):
+        y = load(x, t)
+        s, q = s + y, q + y * y
+    store(eight, 0, s)
+    total = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
+    store(eight, 0, q)
+    square = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
+    for t in range(whole, begin + n):
+        total += x[t]
+        square += x[t] * x[t]
+    return total, square
+
+
+@njit(nogil=True, error_model="numpy")
+def _products(x, begin, n, lag, products):
+    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
+
+    The samples are counted from 0: of indices that cannot be negative Numba need not find out whether they are, which
+    took half of the time.
+    """
+    y = x[begin : begin + n]
+    for i in range(0, products.shape[0], LANES):
+        earlier = begin + i - lag
+        a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
+        for t in range(0, n - 3, 4):
+            a = a + y[t] * load(x, t + earlier)
+            b = b + y[t + 1] * load(x, t + 1 + earlier)
+            c = c + y[t + 2] * load(x, t + 2 + earlier)
+            d = d + y[t + 3] * load(x, t + 3 + earlier)
+        for t in range(n // 4 * 4, n):
+            a = a + y[t] * load(x, t + earlier)
+        store(products, i, (a + c) + (b + d))
+
+
+@njit(nogil=True, error_model="numpy")
+def _slide(x, begin, n, first, last, total, square, totals, squares):
+    """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
+
+    `total` and `square` are those of lag n; at other lags they follow sample by sample.
+    """
+    up, up_square = total, square
+    for lag in range(n, last + 1):
+        totals[last - lag], squares[last - lag] = up, up_square
+        enters, leaves = x[begin - lag - 1], x[begin - lag - 1 + n]
+        up += enters - leaves
+        up_square += (enters - leaves) * (enters + leaves)
+    for lag in range(n - 1, first - 1, -1):
+        enters, leaves = x[begin - lag - 1 + n], x[begin - lag - 1]
+        total += enters - leaves
+        square += (enters - leaves) * (enters + leaves)
+        totals[last - lag], squares[last - lag] = total, square
+
+
+@njit(nogil=True, error_model="numpy")
+def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
+    """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
+    for i in range(0, r.shape[0], LANES):
+        total, square = load(totals, i), load(squares, i)
+        variation_b = square - total * total * one_nth
+        varies = (variation_b > square * CONSTANT) & (variation_b > spread(floor * CONSTANT))
+        coefficient = (load(products, i) - total * mean) / root(variation_b * variation)
+        store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
+
+
+@njit(nogil=True, error_model="numpy")
+def _correlations(x, start, windows, n, first, last, sums, r):
+    """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
+
+    They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
+    the window before, whose sums are known.
+    """
+    products, totals, squares = sums
+    r[:] = 0.0
+    one_nth = 1.0 / n  # divisions would take a third of the time
+    sum_total, sum_square = 0.0, 0.0
+    earlier, earlier_square = _moments(x, start - n, n, products)
+    for w in range(windows):
+        begin = start + w * n
+        total, square = _moments(x, begin, n, products)
+        variation = square - total * total * one_nth
+        if not variation > CONSTANT * square:
+            variation = np.nan
+        _products(x, begin, n, last, products)
+        _slide(x, begin, n, first, last, earlier, earlier_square, totals, squares)
+        _add_coefficients(products, total * one_nth, variation, totals, squares, earlier_square, one_nth, r)
+        earlier, earlier_square = total, square
+        sum_total += total
+        sum_square += square
+    for i in range(r.shape[0]):
+        r[i] /= windows
+    return sum_total, sum_square
+
+
+@njit(nogil=True, error_model="numpy")
+def _best_maximum(r):
+    """Return height and place of the largest interior maximum of r; NaN where there is none."""
+    height, place = np.nan, np.nan
+    for i in range(1, r.shape[0] - 1):
+        j = i + 1
+        while j < r.shape[0] and r[j] == r[i]:  # a flat top is a maximum if it falls on its far side
+            j += 1
+        if r[i - 1] < r[i] and j < r.shape[0] and r[j] < r[i]:
+            slope = 0.5 * (r[i + 1] - r[i - 1])
+            bend = 2.0 * r[i] - r[i + 1] - r[i - 1]
+            top = r[i] + 0.5 * slope * slope / bend
+            if not top <= height:
+                height, place = top, i + slope / bend
+    return min(height, 1.0), place  # a parabola may rise above what a correlation can be
 
 
 @njit(nogil=True, error_model="numpy")
@@ -62,7 +179,7 @@ def _coarse(y, n, first, last, sums, r):
         square += y[t] * y[t]
     one_nth = 1.0 / n
     variation = square - total * total * one_nth
-    if not variation > _CONSTANT * square:
+    if not variation > CONSTANT * square:
         variation = np.nan
     earlier, earlier_square = total, square
     for lag in range(1, last + 1):

@@ -2,7 +2,7 @@
 
 For each integer lag around the nominal period, the Pearson correlation of each of the last five periods with the same
 window one lag earlier, averaged over the five; then the quadratic through three neighbouring lags at each interior
-local maximum. The largest counts; its place is the period.
+local maximum. The largest counts; its place is the period. Eight cells at a time, each in a lane of its own.
 """
 
 from __future__ import annotations
@@ -16,14 +16,18 @@ from numpy.typing import NDArray
 from bow_sim import simd
 from bow_sim.simd import LANES, choose, root
 
+from .columns import columns
 from .sources import VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
 spread: Any = simd.spread
 store: Any = simd.store
 
-_CONSTANT = 1e-13
+CONSTANT = 1e-13
 """A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""
+
+_STEP = 4
+"""Lags, and samples, whose products are summed together: a sample once read is then used for several of them."""
 
 
 class Periodicity(NamedTuple):
@@ -45,118 +49,152 @@ class Periodicity(NamedTuple):
 
 
 @njit(nogil=True, error_model="numpy")
-def _moments(x, begin, n, eight):
-    """Return the sums of x and of x squared over n samples; `eight` is room for eight lanes."""
-    s, q = spread(0.0), spread(0.0)
-    whole = begin + n // LANES * LANES
-    for t in range(begin, whole, LANES):
-        y = load(x, t)
-        s, q = s + y, q + y * y
-    store(eight, 0, s)
-    total = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
-    store(eight, 0, q)
-    square = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
-    for t in range(whole, begin + n):
-        total += x[t]
-        square += x[t] * x[t]
-    return total, square
+def workspace(samples, period, first, last):
+    """Return the arrays that `judge_eight` works in: samples, one row of eight, products, correlations."""
+    lags = -(-(last - first + 1) // _STEP) * _STEP
+    before = last + 1  # the sums slide one sample beyond the last lag
+    x = np.zeros((before + samples + _STEP) * LANES)
+    return x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES)
+
+
+@njit(nogil=True, error_model="numpy")
+def _take(rows, begin, start, x, level):
+    """Write the samples of eight rows from `begin` on to x, (samples, 8), flat, less each row's sample at `start`."""
+    end = rows.shape[1]
+    for row in range(LANES):
+        level[row] = np.float64(rows[row, start])  # near the mean: the sums then cancel less
+    less = load(level, 0)
+    for t in range(begin, end, LANES):
+        at = min(t, end - LANES)  # the last group goes back over samples that are already there
+        columns(rows, at, end, less, x, (at - begin) * LANES)
+
+
+@njit(nogil=True, error_model="numpy")
+def _moments(x, begin, n):
+    """Return the sums of x and of x squared over n samples."""
+    s, q, s_odd, q_odd = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+    at = begin * LANES
+    for _ in range(n // 2):
+        even, odd = load(x, at), load(x, at + LANES)
+        s, q = s + even, q + even * even
+        s_odd, q_odd = s_odd + odd, q_odd + odd * odd
+        at += 2 * LANES
+    if n % 2:
+        last = load(x, at)
+        s, q = s + last, q + last * last
+    return s + s_odd, q + q_odd
 
 
 @njit(nogil=True, error_model="numpy")
 def _products(x, begin, n, lag, products):
-    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
-
-    The samples are counted from 0: of indices that cannot be negative Numba need not find out whether they are, which
-    took half of the time.
-    """
-    y = x[begin : begin + n]
-    for i in range(0, products.shape[0], LANES):
-        earlier = begin + i - lag
-        a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
-        for t in range(0, n - 3, 4):
-            a = a + y[t] * load(x, t + earlier)
-            b = b + y[t + 1] * load(x, t + 1 + earlier)
-            c = c + y[t + 2] * load(x, t + 2 + earlier)
-            d = d + y[t + 3] * load(x, t + 3 + earlier)
-        for t in range(n // 4 * 4, n):
-            a = a + y[t] * load(x, t + earlier)
-        store(products, i, (a + c) + (b + d))
-
-
-@njit(nogil=True, error_model="numpy")
-def _slide(x, begin, n, first, last, total, square, totals, squares):
-    """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
-
-    `total` and `square` are those of lag n; at other lags they follow sample by sample.
-    """
-    up, up_square = total, square
-    for lag in range(n, last + 1):
-        totals[last - lag], squares[last - lag] = up, up_square
-        enters, leaves = x[begin - lag - 1], x[begin - lag - 1 + n]
-        up += enters - leaves
-        up_square += (enters - leaves) * (enters + leaves)
-    for lag in range(n - 1, first - 1, -1):
-        enters, leaves = x[begin - lag - 1 + n], x[begin - lag - 1]
-        total += enters - leaves
-        square += (enters - leaves) * (enters + leaves)
-        totals[last - lag], squares[last - lag] = total, square
+    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; four i at a time."""
+    for first in range(0, products.shape[0], _STEP * LANES):
+        now, past = begin * LANES, (begin - lag) * LANES + first
+        a = b = c = d = spread(0.0)
+        p, q, r = load(x, past), load(x, past + LANES), load(x, past + 2 * LANES)
+        for _ in range(n // _STEP):  # p, q, r and s are four successive samples; each step replaces the oldest
+            y, s = load(x, now), load(x, past + 3 * LANES)
+            a, b, c, d = a + y * p, b + y * q, c + y * r, d + y * s
+            y, p = load(x, now + LANES), load(x, past + 4 * LANES)
+            a, b, c, d = a + y * q, b + y * r, c + y * s, d + y * p
+            y, q = load(x, now + 2 * LANES), load(x, past + 5 * LANES)
+            a, b, c, d = a + y * r, b + y * s, c + y * p, d + y * q
+            y, r = load(x, now + 3 * LANES), load(x, past + 6 * LANES)
+            a, b, c, d = a + y * s, b + y * p, c + y * q, d + y * r
+            now += _STEP * LANES
+            past += _STEP * LANES
+        for _ in range(n % _STEP):
+            y, s = load(x, now), load(x, past + 3 * LANES)
+            a, b, c, d = a + y * p, b + y * q, c + y * r, d + y * s
+            p, q, r = q, r, s
+            now += LANES
+            past += LANES
+        store(products, first, a)
+        store(products, first + LANES, b)
+        store(products, first + 2 * LANES, c)
+        store(products, first + 3 * LANES, d)
 
 
 @njit(nogil=True, error_model="numpy")
-def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
-    """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
-    for i in range(0, r.shape[0], LANES):
-        total, square = load(totals, i), load(squares, i)
-        variation_b = square - total * total * one_nth
-        varies = (variation_b > square * _CONSTANT) & (variation_b > spread(floor * _CONSTANT))
-        coefficient = (load(products, i) - total * mean) / root(variation_b * variation)
-        store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
+def _add_coefficient(products, at, mean, variation, total, square, floor, one_nth, r):
+    """Add Pearson's coefficient from sums over n samples to r; NaN where a window is constant."""
+    variation_b = square - total * total * one_nth
+    varies = (variation_b > square * CONSTANT) & (variation_b > floor)
+    coefficient = (load(products, at) - total * mean) / root(variation_b * variation)
+    store(r, at, load(r, at) + choose(varies, coefficient, np.nan))
 
 
 @njit(nogil=True, error_model="numpy")
-def _correlations(x, start, windows, n, first, last, sums, r):
+def _correlations(x, start, windows, n, first, last, products, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
     They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
-    the window before, whose sums are known.
+    the window before, whose sums are known; at other lags they follow sample by sample.
     """
-    products, totals, squares = sums
     r[:] = 0.0
-    one_nth = 1.0 / n  # divisions would take a third of the time
-    sum_total, sum_square = 0.0, 0.0
-    earlier, earlier_square = _moments(x, start - n, n, products)
+    one_nth = 1.0 / n
+    sum_total, sum_square = spread(0.0), spread(0.0)
+    earlier, earlier_square = _moments(x, start - n, n)
     for w in range(windows):
         begin = start + w * n
-        total, square = _moments(x, begin, n, products)
+        total, square = _moments(x, begin, n)
         variation = square - total * total * one_nth
-        if not variation > _CONSTANT * square:
-            variation = np.nan
+        variation = choose(variation > square * CONSTANT, variation, np.nan)
+        mean, floor = total * one_nth, earlier_square * CONSTANT
         _products(x, begin, n, last, products)
-        _slide(x, begin, n, first, last, earlier, earlier_square, totals, squares)
-        _add_coefficients(products, total * one_nth, variation, totals, squares, earlier_square, one_nth, r)
+        up, up_square = earlier, earlier_square
+        for lag in range(n, last + 1):
+            _add_coefficient(products, (last - lag) * LANES, mean, variation, up, up_square, floor, one_nth, r)
+            at = (begin - lag - 1) * LANES
+            enters, leaves = load(x, at), load(x, at + n * LANES)
+            up, up_square = up + (enters - leaves), up_square + (enters - leaves) * (enters + leaves)
+        for lag in range(n - 1, first - 1, -1):
+            at = (begin - lag - 1) * LANES
+            enters, leaves = load(x, at + n * LANES), load(x, at)
+            earlier, earlier_square = (
+                earlier + (enters - leaves),
+                earlier_square + (enters - leaves) * (enters + leaves),
+            )
+            _add_coefficient(products, (last - lag) * LANES, mean, variation, earlier, earlier_square, floor, one_nth, r)
         earlier, earlier_square = total, square
-        sum_total += total
-        sum_square += square
-    for i in range(r.shape[0]):
-        r[i] /= windows
+        sum_total, sum_square = sum_total + total, sum_square + square
+    for i in range(0, r.shape[0], LANES):
+        store(r, i, load(r, i) / windows)
     return sum_total, sum_square
 
 
 @njit(nogil=True, error_model="numpy")
 def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
-    height, place = np.nan, np.nan
-    for i in range(1, r.shape[0] - 1):
-        j = i + 1
-        while j < r.shape[0] and r[j] == r[i]:  # a flat top is a maximum if it falls on its far side
-            j += 1
-        if r[i - 1] < r[i] and j < r.shape[0] and r[j] < r[i]:
-            slope = 0.5 * (r[i + 1] - r[i - 1])
-            bend = 2.0 * r[i] - r[i + 1] - r[i - 1]
-            top = r[i] + 0.5 * slope * slope / bend
-            if not top <= height:
-                height, place = top, i + slope / bend
-    return min(height, 1.0), place  # a parabola may rise above what a correlation can be
+    height, place = spread(-np.inf), spread(np.nan)
+    above = load(r, r.shape[0] - LANES)
+    falls = above < above  # where what follows is, after equal ones, lower: a flat top falls on its far side
+    for i in range(r.shape[0] // LANES - 2, 0, -1):
+        here, below = load(r, i * LANES), load(r, (i - 1) * LANES)
+        falls = (above < here) | ((above <= here) & (above >= here) & falls)
+        slope = (above - below) * 0.5
+        bend = here * 2.0 - above - below
+        top = here + slope * slope * 0.5 / bend
+        better = (below < here) & falls & (top >= height)  # of equal ones the first in r
+        height, place = choose(better, top, height), choose(better, slope / bend + np.float64(i), place)
+        above = here
+    height = choose(height > -np.inf, height, np.nan)
+    return choose(height > 1.0, spread(1.0), height), place  # a parabola may rise above what a correlation can be
+
+
+@njit(nogil=True, error_model="numpy")
+def judge_eight(rows, start, period, first, last, work, height, lag, deviation):
+    """Write height and lag of the best maximum, and the r.m.s. deviation, of eight rows to arrays of eight."""
+    x, level, products, r = work
+    samples = rows.shape[1] - start
+    before = last + 1
+    _take(rows, start - before, start, x, level)
+    total, square = _correlations(x, before, samples // period, period, first, last, products, r)
+    best, place = _best_maximum(r)
+    store(height, 0, best)
+    store(lag, 0, -place + np.float64(last))
+    variance = (square - total * total / samples) / samples
+    store(deviation, 0, root(choose(variance > 0.0, variance, 0.0)))
 
 
 def build(version: int) -> Any:
@@ -164,23 +202,16 @@ def build(version: int) -> Any:
 
     @njit(nogil=True, cache=True, error_model="numpy")
     def test(record, start, period, first, last, correlation, place, deviation):
-        samples = record.shape[1] - start
-        before = last + 1  # the sums slide one sample beyond the last lag
-        lags = last - first + 1
-        width = -(-lags // LANES) * LANES
-        r = np.empty(width)
-        sums = np.zeros(width), np.zeros(width), np.zeros(width)
-        x = np.zeros(before + samples + width)
-        for i in range(record.shape[0]):
-            level = np.float64(record[i, start])  # near the mean: the sums then cancel less
-            row = record[i, start - before :]
-            for t in range(row.shape[0]):
-                x[t] = np.float64(row[t]) - level
-            total, square = _correlations(x, before, samples // period, period, first, last, sums, r)
-            height, at = _best_maximum(r[:lags])
-            correlation[i] = height
-            place[i] = last - at
-            deviation[i] = np.sqrt(max(0.0, square - total * total / samples) / samples)
+        cells, end = record.shape
+        work = workspace(end - start, period, first, last)
+        rows = np.empty((LANES, end), np.float32)
+        eight = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+        for group in range(0, cells, LANES):
+            for lane in range(LANES):
+                rows[lane] = record[min(group + lane, cells - 1)]
+            judge_eight(rows, start, period, first, last, work, *eight)
+            for i in range(group, min(group + LANES, cells)):
+                correlation[i], place[i], deviation[i] = eight[0][i - group], eight[1][i - group], eight[2][i - group]
         return version
 
     return test
@@ -218,5 +249,5 @@ def periodicity(record: NDArray[np.float32], start: int, period: int, lags: tupl
         )
     cells = record.shape[0]
     result = Periodicity(np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells))
-    _periodicity(record, start, period, first, last, *result)
+    _periodicity(np.ascontiguousarray(record), start, period, first, last, *result)
     return result

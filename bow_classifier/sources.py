@@ -15,6 +15,7 @@ from pathlib import Path
 import bow_sim
 
 HERE = (
+    "columns",
     "confidence",
     "corners",
     "judge",
@@ -26,7 +27,7 @@ HERE = (
     "slips",
     "thresholds",
 )
-THERE = ("simd", "compiled")
+THERE = ("rows", "simd", "compiled")
 SOURCES = (
     *(Path(__file__).with_name(f"{name}.py") for name in HERE),
     *(Path(bow_sim.__file__).with_name(f"{name}.py") for name in THERE),

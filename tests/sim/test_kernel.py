@@ -261,11 +261,12 @@ def test_the_fingerprint_names_what_decides_the_numbers():
 CHILD = """
 import sys
 from bow_sim import kernel
+from bow_sim.identity import fingerprint
 from bow_sim.model import Parameters
 for model in ("delta_cremer", "stiff_cremer"):
     kernel.Block(Parameters(model=model), {"f_asym": [2.0]}).advance()
 print(sum(kernel._advance.stats.cache_misses.values()), sum(kernel._advance.stats.cache_hits.values()))
-print(kernel.fingerprint())
+print(fingerprint())
 print(sorted(m for m in ("rclpy", "mcap", "rerun") if m in sys.modules))
 """
 
