@@ -6,6 +6,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 
 from bow_sim.compiled import intrinsic
 from bow_sim.rows import _interleave
@@ -38,3 +39,18 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o:
         return context.get_dummy_value()
 
     return types.void(x, types.intp, types.intp, level, out, types.intp), codegen
+
+
+@intrinsic
+def expect(typingctx: Any, x: Any, i: Any) -> Any:
+    """Have the cache line of ``x.flat[i]`` fetched, as it will be wanted soon; nothing waits for it."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        byte, number = ir.IntType(8), ir.IntType(32)
+        place = pointer(context, builder, x, args[0], args[1], byte)
+        kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), number, number, number])
+        fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(fetch, [place, number(0), number(2), number(1)])
+        return context.get_dummy_value()
+
+    return types.void(x, types.intp), codegen

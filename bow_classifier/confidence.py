@@ -10,7 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from bow_sim.compiled import njit
+
+from .sources import LEAN
 
 MARGINS = ("constant", "correlation", "slips", "corners", "slips whole", "corners whole", "loudness")
 """What the columns of `COEFFICIENTS` multiply:
@@ -42,18 +45,18 @@ _FAR = 3.0
 _SMALL = 1e-3
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _whole(number):
     return 1.0 - 2.0 * abs(number - round(number))
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _ratio(a, b):
     """Return how far apart two amounts are: the logarithm of their ratio without its sign, at most `_FAR`."""
     return min(_FAR, abs(math.log((a + _SMALL) / (b + _SMALL))))
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def margins(correlation, slips, corners, sure_slips, sure_corners, loudness, least, silence, out):
     """Write the margins of one cell to out, (margins,); slips and corners are numbers a period."""
     r = min(1.0, max(-1.0, correlation))
@@ -66,7 +69,7 @@ def margins(correlation, slips, corners, sure_slips, sure_corners, loudness, lea
     out[6] = _ratio(loudness, silence)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def probability(coefficients, row):
     """Return the logistic of the weighted margins, 0 ... 1."""
     total = 0.0

@@ -11,22 +11,26 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bow_sim import simd
-from bow_sim.simd import LANES, absolute
+from bow_sim.compiled import njit
+from bow_sim.simd import LANES, choose
 
 from .slips import NEIGHBOURS
-from .sources import VERSION
+from .sources import LEAN, VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
+spread: Any = simd.spread
+store: Any = simd.store
 bits_of: Any = simd.bits_of
+lowest_bit: Any = simd.lowest_bit
 
-_FACTORS = np.concatenate([[1.0], NEIGHBOURS])
+FACTORS = np.concatenate([[1.0], NEIGHBOURS])
+"""Of the threshold, under which corners are counted: a lane for each."""
 
-_ONES = np.array([number.bit_count() for number in range(256)], np.uint8)
-"""Bits set in a byte."""
+_WORD = 64
+"""Samples that are looked through together: a bit of a word for each."""
 
 
 class Corners(NamedTuple):
@@ -48,51 +52,71 @@ class Corners(NamedTuple):
     clusters: NDArray[np.uint16]
 
 
-@njit(nogil=True, error_model="numpy")
-def _onsets(now, before, level):
-    """Return, as a byte, where eight samples of y begin to exceed the level, with either sign.
+@njit(**LEAN)
+def _starts(row, at, delay, lowest, highest):
+    """Return, as bits, at which of eight samples y may begin to exceed a level between the two."""
+    now = load(row, at) - load(row, at - delay)
+    before = load(row, at - 1) - load(row, at - 1 - delay)
+    return bits_of(((now > lowest) & (before <= highest)) | ((now < -lowest) & (before >= -highest)))
+
+
+@njit(**LEAN)
+def _candidates(row, begin, end, delay, lowest, highest):
+    """Return the same of the samples from `begin` on, as many as a word has bits, or up to the end."""
+    found = np.uint64(0)
+    if begin + _WORD <= end:
+        for k in range(0, _WORD, LANES):
+            found |= np.uint64(_starts(row, begin + k, delay, lowest, highest)) << np.uint64(k)
+        return found
+    for group in range(begin, end, LANES):
+        at = min(group, end - LANES)  # the last group goes back over samples that are already there
+        found |= np.uint64(_starts(row, at, delay, lowest, highest) >> (group - at)) << np.uint64(group - begin)
+    return found
+
+
+@njit(**LEAN)
+def count_corners(row, start, delay, level, gap, levels, tally):
+    """Return number, clusters and sureness of the corners of one cell; `levels` and `tally` are room for eight lanes.
 
     Armed means no more than that the sample before was not above the level with the same sign: y is all the state.
     """
-    return bits_of(((now > level) & (before <= level)) | ((now < -level) & (before >= -level)))
+    end = row.shape[0]
+    for k in range(LANES):
+        levels[k] = FACTORS[k] * level if k < FACTORS.shape[0] else np.inf
+    lowest, highest = levels[0], levels[0]
+    for k in range(1, FACTORS.shape[0]):
+        lowest, highest = min(lowest, levels[k]), max(highest, levels[k])
+    high = load(levels, 0)
+    count, one = spread(np.float32(0.0)), spread(np.float32(1.0))
+    near = int(gap)  # samples are whole: none lies between this and the gap
+    latest, apart = -end, 0
+    for begin in range(start, end, _WORD):
+        candidates = _candidates(row, begin, end, delay, lowest, highest)
+        while candidates:
+            t = begin + lowest_bit(candidates)
+            candidates &= candidates - np.uint64(1)
+            now, before = row[t] - row[t - delay], row[t - 1] - row[t - 1 - delay]
+            onset = ((high < now) & (high >= before)) | ((high < -now) & (high >= -before))
+            count = count + choose(onset, one, 0.0)
+            counts = bits_of(onset) & 1
+            apart += counts & int(t - latest > near)
+            latest = t if counts else latest
+    store(tally, 0, count)
+    same = 0
+    for k in range(1, FACTORS.shape[0]):
+        same += int(tally[k] == tally[0])
+    return int(tally[0]), apart, same / (FACTORS.shape[0] - 1)
 
 
 def build(version: int) -> Any:
     """Make the compiled test, to be cached as this version; see `bow_classifier.sources`."""
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def count(record, start, delay, level, factors, gap, number, sure, clusters):
-        end = record.shape[1]
-        levels = np.empty(factors.shape[0], np.float32)
-        tally = np.empty(factors.shape[0], np.int64)
+    def count(record, start, delay, level, gap, number, sure, clusters):
+        levels, tally = np.empty(LANES, np.float32), np.empty(LANES, np.float32)
         for i in range(record.shape[0]):
-            levels[:] = factors * level[i]
-            lowest, highest = levels.min(), levels.max()
-            tally[:] = 0
-            row, back = i * end, delay[i]
-            latest, apart = -end, 0
-            for group in range(start, end, LANES):
-                first = min(group, end - LANES)  # the last group goes back over samples that are already counted
-                at = row + first
-                now = load(record, at) - load(record, at - back)
-                if bits_of(absolute(now) > lowest):  # most groups lie below every level: no onset there
-                    before = load(record, at - 1) - load(record, at - 1 - back)
-                    if not bits_of(((now > lowest) & (before <= highest)) | ((now < -lowest) & (before >= -highest))):
-                        continue  # others stay above
-                    for k in range(levels.shape[0]):
-                        onsets = _onsets(now, before, levels[k]) >> (group - first)
-                        tally[k] += _ONES[onsets]
-                        if k == 0 and onsets:
-                            for lane in range(LANES):
-                                if onsets >> lane & 1:
-                                    apart += int(group + lane - latest > gap[i])
-                                    latest = group + lane
-            number[i] = tally[0]
-            clusters[i] = apart
-            same = 0
-            for k in range(1, tally.shape[0]):
-                same += int(tally[k] == tally[0])
-            sure[i] = same / (tally.shape[0] - 1)
+            found = count_corners(record[i], start, delay[i], level[i], gap[i], levels, tally)
+            number[i], clusters[i], sure[i] = found
         return version
 
     return count
@@ -138,5 +162,5 @@ def corners(
         )
     result = Corners(np.empty(cells, np.uint16), np.empty(cells), np.empty(cells, np.uint16))
     gap = np.zeros(cells) if gap is None else gap
-    _corners(np.ascontiguousarray(record), start, delay, level, _FACTORS, gap, *result)
+    _corners(np.ascontiguousarray(record), start, delay, level, gap, *result)
     return result

@@ -12,19 +12,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_sim.model import CHUNK_PERIODS, Parameters
+from bow_sim.model import Parameters
+from bow_sim.simd import LANES
 
-from .corners import Corners, corners
-from .lines import ripple
-from .longlags import long_periods, reach
-from .periodicity import periodicity
-from .regime import LONG, Decision, Evidence, decide
+from .chunk import Lags, Strings, judge_cells
+from .longlags import reach
+from .regime import Decision, Evidence, limits_of
 from .regimes import is_helmholtz
-from .slips import Intervals, Slips, Unfinished, slips
+from .slips import Intervals, Unfinished, plain, refusal
 from .thresholds import Thresholds
-
-FEW = 8
-"""Counts below this may be one a period, to the nearest whole number, in five nominal periods of an actual one."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,8 @@ class BlockJudge:
     Raises
     ------
     ValueError
-        For a round trip that is no whole number of samples, or not shorter than the period.
+        For a round trip that is no whole number of samples, or not shorter than the period; for a chunk that is not
+        whole periods.
     """
 
     def __init__(
@@ -125,16 +122,23 @@ class BlockJudge:
     ) -> None:
         self._geometry, self._thresholds = geometry, thresholds
         v_b = np.broadcast_to(np.asarray(bow_speed, dtype=np.float64), (cells,))
-        self._delay = _delays(geometry, cells, bow_bridge)
-        self._height = v_b * geometry.period / self._delay  # v_b/beta: the flyback of Helmholtz motion
-        self._corner = thresholds.corner * self._height
-        self._slip = thresholds.slip * v_b * geometry.period
-        self._gap = (thresholds.cluster * self._delay).astype(np.float64)
-        self._spread = (thresholds.flyback_cluster * self._delay).astype(np.float64)
-        self._beta = self._delay / geometry.period
-        self._lags, self._long_lags = thresholds.lags(geometry.period), thresholds.long_lags(geometry.period)
-        self._start = reach(self._long_lags[1])  # farther back than any ripple period, which is less than a period
-        self._record = np.zeros((cells, self._start + geometry.samples), np.float32)
+        delay = _delays(geometry, cells, bow_bridge)
+        height = v_b * geometry.period / delay
+        self._strings = Strings(
+            delay,
+            height,
+            corner=thresholds.corner * height,
+            slip=thresholds.slip * v_b * geometry.period,
+            spread=(thresholds.flyback_cluster * delay).astype(np.float64),
+            gap=(thresholds.cluster * delay).astype(np.float64),
+        )
+        self._beta = delay / geometry.period
+        self._lags = Lags(*thresholds.lags(geometry.period), *thresholds.long_lags(geometry.period))
+        if geometry.samples < LANES or geometry.samples % geometry.period or self._lags.first < 1:
+            raise ValueError(f"{geometry}: a chunk should be whole periods, of 2 samples at least, and {LANES} in all")
+        self._limits = limits_of(geometry.period, thresholds)
+        start = reach(self._lags.longest)  # farther back than any ripple period, which is less than a period
+        self._history = np.zeros((cells, start), np.float32)
         self._unfinished = Unfinished.none(cells)
         self.evidence: Evidence | None = None
         self.decision: Decision | None = None
@@ -154,46 +158,35 @@ class BlockJudge:
         ValueError
             For arrays of another shape, or slips that do not continue the chunk before; the state is as it was.
         """
-        window = (len(self._record), self._geometry.samples)
+        window = (len(self._history), self._geometry.samples)
         if bridge_force.shape != window:
             raise ValueError(f"bridge force {bridge_force.shape}: should be (cells, samples) = {window}")
-        slipped, self._unfinished = slips(intervals, window[1], self._slip, self._gap, self._unfinished)
-        record, start = self._record, self._start
-        record[:, :start] = record[:, -start:]
-        record[:, start:] = bridge_force
-        period, least = self._geometry.period, self._thresholds.correlation
-        correlation, place, deviation = periodicity(record, start, period, self._lags)
-        turned = corners(record, start, self._delay, self._corner, self._spread)
-        loudness = deviation / self._height
-        moving = (slipped.number > 0) & (loudness >= self._thresholds.silence)
-        long_periods(record, start, period, self._long_lags, least, moving & ~(correlation > least), correlation, place)
-        lines = ripple(record, place, self._delay, self._undecided(correlation, place, slipped, turned))
-        evidence = Evidence(
-            correlation,
-            place,
-            slipped.number,
-            slipped.clusters,
-            slipped.small,
-            turned.number,
-            turned.clusters,
-            loudness,
-            lines,
-            slipped.sure,
-            turned.sure,
-            self._beta,
+        evidence, decision = Evidence.empty(self._beta), Decision.empty(len(self._beta))
+        before, parts = self._unfinished, plain(intervals)
+        wrong = judge_cells(
+            self._history,
+            _readable(bridge_force),
+            parts[0],
+            parts[1:],
+            before,
+            self._strings,
+            self._lags,
+            self._limits,
+            evidence,
+            decision,
         )
-        self.evidence, self.decision = evidence, decide(evidence, period, self._thresholds)
-        regime, confidence, _ = self.decision
-        return Judgement(correlation, place, slipped.number, turned.number, regime, confidence)
+        if wrong >= 0:
+            raise refusal(wrong, before.slipping[wrong])
+        self.evidence, self.decision = evidence, decision
+        regime, confidence, _ = decision
+        return Judgement(evidence.correlation, evidence.period, evidence.slips, evidence.corners, regime, confidence)
 
-    def _undecided(
-        self, correlation: NDArray[np.float32], place: NDArray[np.float32], slipped: Slips, turned: Corners
-    ) -> NDArray[np.bool_]:
-        """Return where the name hangs on the ripples: no Helmholtz motion, one slip or a flyback cluster a period."""
-        number = slipped.number, turned.number
-        near = (correlation > self._thresholds.correlation) & (place < LONG * self._geometry.period)
-        one = (number[0] < FEW) & (number[1] < FEW) & ((number[0] != CHUNK_PERIODS) | (number[1] != CHUNK_PERIODS))
-        return near & (one | ((number[1] > 2 * CHUNK_PERIODS) & (turned.clusters < FEW)))
+
+def _readable(bridge_force: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the samples as the one type that the tests are compiled for: some are a message's, not to be written."""
+    view = np.require(bridge_force, np.float32, ["C", "A"]).view()
+    view.flags.writeable = False
+    return view
 
 
 def _delays(geometry: Geometry, cells: int, bow_bridge: ArrayLike | None) -> NDArray[np.int64]:

@@ -10,13 +10,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bow_sim import simd
+from bow_sim.compiled import njit
 from bow_sim.simd import LANES
 
-from .sources import VERSION
+from .sources import LEAN, VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
 spread: Any = simd.spread
@@ -26,7 +26,7 @@ BAND = 0.25
 """Harmonics this far, in parts of it, from 1/beta are those of the ripples."""
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _powers(x, n, first, turn, power):
     """Write the power of eight harmonics of the n samples of x, `first` and on, to power, (LANES,)."""
     for k in range(LANES):
@@ -41,35 +41,40 @@ def _powers(x, n, first, turn, power):
     store(power, 0, a * a + b * b)
 
 
+@njit(**LEAN)
+def ripple_share(row, period, delay, work):
+    """Return what `ripple` says of one cell; `work` is room for turns, (2, LANES), powers, (LANES,), and samples."""
+    turn, power, x = work
+    end = row.shape[0]
+    n = round(period)
+    mean = 0.0
+    for t in range(n):
+        x[t] = row[end - n + t]
+        mean += x[t]
+    mean /= n
+    for t in range(n):
+        x[t] -= mean
+    _powers(x, n, 1, turn, power)
+    low, high = max(power[0], power[1]), 0.0
+    ripples = n / delay
+    first, last = max(3, math.ceil((1.0 - BAND) * ripples)), min(n // 2, math.floor((1.0 + BAND) * ripples))
+    for k in range(first, last + 1, LANES):
+        _powers(x, n, k, turn, power)
+        for lane in range(min(LANES, last + 1 - k)):
+            high = max(high, power[lane])
+    if not high > 0.0:
+        return 0.0
+    return math.sqrt(high / low) if low > 0.0 else np.inf
+
+
 def build(version: int) -> Any:
     """Make the compiled sums, to be cached as this version; see `bow_classifier.sources`."""
 
     @njit(nogil=True, cache=True, error_model="numpy")
     def lines(record, period, delay, wanted, share):
-        end = record.shape[1]
-        turn, power, x = np.empty((2, LANES)), np.empty(LANES), np.empty(end)
+        work = np.empty((2, LANES)), np.empty(LANES), np.empty(record.shape[1])
         for i in range(record.shape[0]):
-            share[i] = 0.0
-            if not wanted[i]:
-                continue
-            n = round(period[i])
-            mean = 0.0
-            for t in range(n):
-                x[t] = record[i, end - n + t]
-                mean += x[t]
-            mean /= n
-            for t in range(n):
-                x[t] -= mean
-            _powers(x, n, 1, turn, power)
-            low, high = max(power[0], power[1]), 0.0
-            ripples = n / delay[i]
-            first, last = max(3, math.ceil((1.0 - BAND) * ripples)), min(n // 2, math.floor((1.0 + BAND) * ripples))
-            for k in range(first, last + 1, LANES):
-                _powers(x, n, k, turn, power)
-                for lane in range(min(LANES, last + 1 - k)):
-                    high = max(high, power[lane])
-            if high > 0.0:
-                share[i] = math.sqrt(high / low) if low > 0.0 else np.inf
+            share[i] = ripple_share(record[i], period[i], delay[i], work) if wanted[i] else 0.0
         return version
 
     return lines

@@ -10,14 +10,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bow_sim import simd
+from bow_sim.compiled import njit
 from bow_sim.simd import LANES, choose, root
 
+from .columns import columns
 from .periodicity import CONSTANT
-from .sources import VERSION
+from .sources import LEAN, VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
 spread: Any = simd.spread
@@ -39,7 +40,7 @@ EQUAL = 0.02
 """A shorter lag counts as good as the best when its correlation falls short by less."""
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _moments(x, begin, n, eight):
     """Return the sums of x and of x squared over n samples; `eight` is room for eight lanes."""
     s, q = spread(0.0), spread(0.0)
@@ -57,7 +58,7 @@ def _moments(x, begin, n, eight):
     return total, square
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
 
@@ -78,7 +79,7 @@ def _products(x, begin, n, lag, products):
         store(products, i, (a + c) + (b + d))
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _slide(x, begin, n, first, last, total, square, totals, squares):
     """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
 
@@ -97,7 +98,7 @@ def _slide(x, begin, n, first, last, total, square, totals, squares):
         totals[last - lag], squares[last - lag] = total, square
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
     """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
     for i in range(0, r.shape[0], LANES):
@@ -108,7 +109,7 @@ def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth
         store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _correlations(x, start, windows, n, first, last, sums, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
@@ -137,7 +138,7 @@ def _correlations(x, start, windows, n, first, last, sums, r):
     return sum_total, sum_square
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = np.nan, np.nan
@@ -154,20 +155,25 @@ def _best_maximum(r):
     return min(height, 1.0), place  # a parabola may rise above what a correlation can be
 
 
-@njit(nogil=True, error_model="numpy")
-def _averages(row, averages):
-    """Write the averages of eight samples each, the last ones at the end of the record."""
+@njit(**LEAN)
+def _averages(row, averages, eight):
+    """Write the averages of eight samples each, the last ones at the end of the record; `eight` is room for 8 x 8."""
     count = averages.shape[0]
-    begin = row.shape[0] - COARSE * count
+    part = row[row.shape[0] - COARSE * count :]
     level = np.float64(row[row.shape[0] - 1])  # near the mean: the sums then cancel less
-    for k in range(count):
-        t = begin + COARSE * k
-        left = (row[t] + row[t + 1]) + (row[t + 2] + row[t + 3])
-        right = (row[t + 4] + row[t + 5]) + (row[t + 6] + row[t + 7])
-        averages[k] = np.float64(left + right) / COARSE - level
+    for k in range(0, count - LANES + 1, LANES):
+        columns(part, COARSE * k, COARSE, spread(level), eight, 0)
+        a, b, c, d = load(eight, 0), load(eight, LANES), load(eight, 2 * LANES), load(eight, 3 * LANES)
+        e, f, g, h = load(eight, 32), load(eight, 40), load(eight, 48), load(eight, 56)
+        store(averages, k, (((a + b) + (c + d)) + ((e + f) + (g + h))) / COARSE)
+    for k in range(count // LANES * LANES, count):
+        total = 0.0
+        for x in part[COARSE * k : COARSE * (k + 1)]:
+            total += np.float64(x) - level
+        averages[k] = total / COARSE
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _coarse(y, n, first, last, sums, r):
     """Write the correlations of the last n of y with those a lag earlier to r[last - lag], lags first ... last."""
     products, totals, squares = sums
@@ -192,18 +198,18 @@ def _coarse(y, n, first, last, sums, r):
     _add_coefficients(products, total * one_nth, variation, totals, squares, square, one_nth, r)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _is_maximum(r, i):
     return r[i - 1] < r[i] >= r[i + 1]
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _within(lag, shortest, longest):
     """Return the middle, in samples, of the search around a lag in averages."""
     return min(max(COARSE * lag, shortest), longest)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _highest(r, count, least):
     """Return the place in r of the highest maximum above `least`, -1 for none."""
     found, best = -1, least
@@ -213,7 +219,7 @@ def _highest(r, count, least):
     return found
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _fine(x, samples, period, middle, sums, f):
     """Return height and lag of the largest interior maximum within `BESIDE` of a lag; NaN for none."""
     before = x.shape[0] - samples - f.shape[0]
@@ -222,46 +228,55 @@ def _fine(x, samples, period, middle, sums, f):
     return height, middle + BESIDE - at
 
 
+@njit(nogil=True, error_model="numpy")
+def long_workspace(samples, period, shortest, longest):
+    """Return the arrays that `search_row` works in: averages and their correlations, samples and theirs."""
+    n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
+    wide = -(-(high - low + 1) // LANES) * LANES
+    width = -(-(2 * BESIDE + 1) // LANES) * LANES
+    before = longest + BESIDE + 1
+    slide = max(width, before - period + 1)  # the sums slide from one period to the longest lag
+    y, coarse = np.zeros(n + high + 1 + wide), (np.zeros(wide), np.zeros(wide), np.zeros(wide))
+    x, sums = np.zeros(before + samples + width), (np.zeros(width), np.zeros(slide), np.zeros(slide))
+    return y, coarse, np.empty(wide), x, sums, np.empty(width), np.empty(COARSE * LANES)
+
+
+@njit(**LEAN)
+def search_row(row, start, period, shortest, longest, least, work):
+    """Return height and lag of what repeats after a long lag in one cell; NaN where nothing does above `least`."""
+    y, coarse, r, x, sums, f, eight = work
+    samples = row.shape[0] - start
+    n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
+    lags, before = high - low + 1, longest + BESIDE + 1
+    _averages(row, y[: n + high + 1], eight)
+    _coarse(y, n, low, high, coarse, r)
+    best = _highest(r, lags, least - SLACK)
+    if best < 0:
+        return np.nan, np.nan
+    level, part = np.float64(row[start]), row[start - before :]
+    for t in range(part.shape[0]):
+        x[t] = np.float64(part[t]) - level
+    height, lag = _fine(x, samples, period, _within(high - best, shortest, longest), sums, f)
+    for k in range(lags - 2, best, -1):  # what repeats after a lag repeats after its multiples, too
+        if r[k] > r[best] - SHORTER and _is_maximum(r, k):
+            other, at = _fine(x, samples, period, _within(high - k, shortest, longest), sums, f)
+            if other > least and not other < height - EQUAL:
+                height, lag = other, at
+                break
+    return (height, lag) if height > least else (np.nan, np.nan)
+
+
 def build(version: int) -> Any:
     """Make the compiled search, to be cached as this version; see `bow_classifier.sources`."""
 
     @njit(nogil=True, cache=True, error_model="numpy")
     def search(record, start, period, shortest, longest, least, wanted, correlation, place):
-        end = record.shape[1]
-        samples = end - start
-        n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
-        lags = high - low + 1
-        wide = -(-lags // LANES) * LANES
-        y = np.zeros(n + high + 1 + wide)
-        r, coarse = np.empty(wide), (np.zeros(wide), np.zeros(wide), np.zeros(wide))
-        width = -(-(2 * BESIDE + 1) // LANES) * LANES
-        before = longest + BESIDE + 1
-        slide = max(width, before - period + 1)  # the sums slide from one period to the longest lag
-        x = np.zeros(before + samples + width)
-        f = np.empty(width)
-        sums = np.zeros(width), np.zeros(slide), np.zeros(slide)
+        work = long_workspace(record.shape[1] - start, period, shortest, longest)
         for i in range(record.shape[0]):
-            if not wanted[i]:
-                continue
-            row = record[i]
-            _averages(row, y[: n + high + 1])
-            _coarse(y, n, low, high, coarse, r)
-            best = _highest(r, lags, least - SLACK)
-            if best < 0:
-                continue
-            level = np.float64(row[start])
-            for t in range(before + samples):
-                x[t] = np.float64(row[start - before + t]) - level
-            height, lag = _fine(x, samples, period, _within(high - best, shortest, longest), sums, f)
-            for k in range(lags - 2, best, -1):  # what repeats after a lag repeats after its multiples, too
-                if r[k] > r[best] - SHORTER and _is_maximum(r, k):
-                    other, at = _fine(x, samples, period, _within(high - k, shortest, longest), sums, f)
-                    if other > least and not other < height - EQUAL:
-                        height, lag = other, at
-                        break
-            if height > least:
-                correlation[i] = height
-                place[i] = lag
+            if wanted[i]:
+                height, lag = search_row(record[i], start, period, shortest, longest, least, work)
+                if height > least:
+                    correlation[i], place[i] = height, lag
         return version
 
     return search

@@ -10,18 +10,19 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bow_sim import simd
+from bow_sim.compiled import njit
 from bow_sim.simd import LANES, choose, root
 
 from .columns import columns
-from .sources import VERSION
+from .sources import LEAN, VERSION
 
 load: Any = simd.load  # intrinsics are called without the first argument that their types ask for
 spread: Any = simd.spread
 store: Any = simd.store
+mask_of: Any = simd.mask_of
 
 CONSTANT = 1e-13
 """A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""
@@ -57,7 +58,7 @@ def workspace(samples, period, first, last):
     return x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _take(rows, begin, start, x, level):
     """Write the samples of eight rows from `begin` on to x, (samples, 8), flat, less each row's sample at `start`."""
     end = rows.shape[1]
@@ -69,7 +70,7 @@ def _take(rows, begin, start, x, level):
         columns(rows, at, end, less, x, (at - begin) * LANES)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _moments(x, begin, n):
     """Return the sums of x and of x squared over n samples."""
     s, q, s_odd, q_odd = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
@@ -85,7 +86,7 @@ def _moments(x, begin, n):
     return s + s_odd, q + q_odd
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; four i at a time."""
     for first in range(0, products.shape[0], _STEP * LANES):
@@ -115,7 +116,7 @@ def _products(x, begin, n, lag, products):
         store(products, first + 3 * LANES, d)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _add_coefficient(products, at, mean, variation, total, square, floor, one_nth, r):
     """Add Pearson's coefficient from sums over n samples to r; NaN where a window is constant."""
     variation_b = square - total * total * one_nth
@@ -124,7 +125,7 @@ def _add_coefficient(products, at, mean, variation, total, square, floor, one_nt
     store(r, at, load(r, at) + choose(varies, coefficient, np.nan))
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _correlations(x, start, windows, n, first, last, products, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
@@ -155,7 +156,9 @@ def _correlations(x, start, windows, n, first, last, products, r):
                 earlier + (enters - leaves),
                 earlier_square + (enters - leaves) * (enters + leaves),
             )
-            _add_coefficient(products, (last - lag) * LANES, mean, variation, earlier, earlier_square, floor, one_nth, r)
+            _add_coefficient(
+                products, (last - lag) * LANES, mean, variation, earlier, earlier_square, floor, one_nth, r
+            )
         earlier, earlier_square = total, square
         sum_total, sum_square = sum_total + total, sum_square + square
     for i in range(0, r.shape[0], LANES):
@@ -163,12 +166,12 @@ def _correlations(x, start, windows, n, first, last, products, r):
     return sum_total, sum_square
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = spread(-np.inf), spread(np.nan)
     above = load(r, r.shape[0] - LANES)
-    falls = above < above  # where what follows is, after equal ones, lower: a flat top falls on its far side
+    falls = mask_of(np.uint8(0))  # where what follows is, after equal ones, lower: a flat top falls on its far side
     for i in range(r.shape[0] // LANES - 2, 0, -1):
         here, below = load(r, i * LANES), load(r, (i - 1) * LANES)
         falls = (above < here) | ((above <= here) & (above >= here) & falls)
@@ -182,7 +185,7 @@ def _best_maximum(r):
     return choose(height > 1.0, spread(1.0), height), place  # a parabola may rise above what a correlation can be
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def judge_eight(rows, start, period, first, last, work, height, lag, deviation):
     """Write height and lag of the best maximum, and the r.m.s. deviation, of eight rows to arrays of eight."""
     x, level, products, r = work
@@ -208,7 +211,9 @@ def build(version: int) -> Any:
         eight = np.empty(LANES), np.empty(LANES), np.empty(LANES)
         for group in range(0, cells, LANES):
             for lane in range(LANES):
-                rows[lane] = record[min(group + lane, cells - 1)]
+                i = min(group + lane, cells - 1)
+                for t in range(end):
+                    rows[lane, t] = record[i, t]
             judge_eight(rows, start, period, first, last, work, *eight)
             for i in range(group, min(group + LANES, cells)):
                 correlation[i], place[i], deviation[i] = eight[0][i - group], eight[1][i - group], eight[2][i - group]
@@ -242,10 +247,11 @@ def periodicity(record: NDArray[np.float32], start: int, period: int, lags: tupl
     """
     first, last = lags
     samples = record.shape[1] - start
-    if not 0 < first < period < last < start or samples <= 0 or samples % period:
+    if not 0 < first < period < last < start or samples < LANES or samples % period:
         raise ValueError(
             f"record {record.shape} with the window from {start}: lags {first} ... {last} should enclose the period "
-            f"{period}, the window should hold whole periods, and more than {last} samples should precede it"
+            f"{period}, the window should hold whole periods, {LANES} samples or more, and more than {last} samples "
+            "should precede it"
         )
     cells = record.shape[0]
     result = Periodicity(np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells))

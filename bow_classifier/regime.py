@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bow_sim.compiled import njit
 from bow_sim.model import CHUNK_PERIODS
 
 from .confidence import COEFFICIENTS, margins, probability
@@ -27,7 +27,7 @@ from .regimes import (
     RAMAN_HIGHER,
     SUBHARMONIC,
 )
-from .sources import VERSION
+from .sources import LEAN, VERSION
 from .thresholds import Thresholds
 
 ORDERS = (1, 2)
@@ -75,6 +75,12 @@ class Evidence(NamedTuple):
     sure_corners: NDArray[np.float64]
     beta: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls, beta: NDArray[np.float64]) -> Evidence:
+        """Return room for what the tests find of cells with these bow positions."""
+        kinds = [np.float32] * 2 + [np.uint16] * 5 + [np.float64] * 4
+        return cls._make([*(np.empty(len(beta), kind) for kind in kinds), beta])
+
 
 class Decision(NamedTuple):
     """The verdicts on the cells of a block.
@@ -93,13 +99,18 @@ class Decision(NamedTuple):
     confidence: NDArray[np.float32]
     margins: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls, cells: int) -> Decision:
+        """Return room for the verdicts."""
+        return cls(np.empty(cells, np.uint8), np.empty(cells, np.float32), np.empty((cells, COEFFICIENTS.shape[1])))
 
-@njit(nogil=True, error_model="numpy")
+
+@njit(**LEAN)
 def _near(period, place, tolerance):
     return abs(period - place) <= tolerance * place
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _long(period, slips, clusters, beta, nominal, tolerance):
     """Return the code of a cell that repeats after a long lag; slips and clusters are whole numbers a period."""
     if slips == 1 or clusters == 1:
@@ -112,7 +123,7 @@ def _long(period, slips, clusters, beta, nominal, tolerance):
     return OTHER_PERIODIC
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, s_motion, most):
     """Return the code of a cell that repeats after about one nominal period; whole numbers a period."""
     cluster = corner_clusters == 1 or (corner_clusters == 0 and slips == 1)  # 0: they fill the period, but for one slip
@@ -125,7 +136,7 @@ def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, s_mot
     return OTHER_PERIODIC
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(**LEAN)
 def _regime(correlation, period, slips, slip_clusters, small, corners, corner_clusters, loudness, ripple, beta, limits):
     """Return the code of one cell; the rule of section III.B, and what it is called where it fails."""
     periods, nominal, last, least, silence, tolerance, s_motion, most = limits
@@ -146,29 +157,36 @@ def _regime(correlation, period, slips, slip_clusters, small, corners, corner_cl
     )
 
 
+@njit(**LEAN)
+def decide_cell(i, e, limits, decision):
+    """Write regime, confidence and margins of cell i to the decision, from the evidence e."""
+    periods, nominal, _, least, silence, _, _, _ = limits
+    regime, confidence, out = decision
+    correlation, period, loudness = e.correlation[i], e.period[i], e.loudness[i]
+    slips, corners = e.slips[i], e.corners[i]
+    regime[i] = _regime(
+        correlation, period, slips, e.slip_clusters[i], e.small_slips[i], corners, e.corner_clusters[i],
+        loudness, e.ripple[i], e.beta[i], limits,
+    )  # fmt: skip
+    if not loudness >= 0.0:  # samples that are no numbers
+        out[i] = 0.0
+        confidence[i] = 0.0
+        return
+    turns = period / (periods * nominal) if correlation > least else 1.0 / periods
+    margins(
+        correlation, slips * turns, corners * turns, e.sure_slips[i], e.sure_corners[i],
+        loudness, least, silence, out[i],
+    )  # fmt: skip
+    confidence[i] = probability(COEFFICIENTS[regime[i]], out[i])
+
+
 def build(version: int) -> Any:
     """Make the compiled rule, to be cached as this version; see `bow_classifier.sources`."""
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def decide(evidence, limits, coefficients, regime, confidence, out):
-        periods, nominal, _, least, silence, _, _, _ = limits
-        correlation, period, slips, slip_clusters, small, corners, corner_clusters = evidence[:7]
-        loudness, ripple, sure_slips, sure_corners, beta = evidence[7:]
-        for i in range(correlation.shape[0]):
-            regime[i] = _regime(
-                correlation[i], period[i], slips[i], slip_clusters[i], small[i], corners[i], corner_clusters[i],
-                loudness[i], ripple[i], beta[i], limits,
-            )  # fmt: skip
-            if not loudness[i] >= 0.0:  # samples that are no numbers
-                out[i] = 0.0
-                confidence[i] = 0.0
-                continue
-            turns = period[i] / (periods * nominal) if correlation[i] > least else 1.0 / periods
-            margins(
-                correlation[i], slips[i] * turns, corners[i] * turns, sure_slips[i], sure_corners[i],
-                loudness[i], least, silence, out[i],
-            )  # fmt: skip
-            confidence[i] = probability(coefficients[regime[i]], out[i])
+    def decide(evidence, limits, decision):
+        for i in range(evidence.correlation.shape[0]):
+            decide_cell(i, evidence, limits, decision)
         return version
 
     return decide
@@ -189,9 +207,14 @@ def decide(evidence: Evidence, period: int, thresholds: Thresholds) -> Decision:
     thresholds
         What is asked.
     """
-    cells = len(evidence.correlation)
-    result = Decision(np.empty(cells, np.uint8), np.empty(cells, np.float32), np.empty((cells, COEFFICIENTS.shape[1])))
-    limits = (
+    result = Decision.empty(len(evidence.correlation))
+    _decide(evidence, limits_of(period, thresholds), result)
+    return result
+
+
+def limits_of(period: int, thresholds: Thresholds) -> tuple[float, ...]:
+    """Return what the compiled rule must know of the string and of the thresholds."""
+    return (
         CHUNK_PERIODS,
         float(period),
         float(thresholds.lags(period)[1]),
@@ -201,8 +224,6 @@ def decide(evidence: Evidence, period: int, thresholds: Thresholds) -> Decision:
         thresholds.s_motion,
         thresholds.flyback_ripple,
     )
-    _decide(tuple(evidence), limits, COEFFICIENTS, *result)
-    return result
 
 
 def history(passed: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:

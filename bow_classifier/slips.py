@@ -10,11 +10,14 @@ the paper describes as closely spaced (section IV.A), are often slips of their o
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from bow_sim.compiled import njit
+
+from .sources import LEAN
 
 NEIGHBOURS = np.array([0.8, 0.9, 1.1, 1.2])
 """Factors of a threshold under which a count should stay the same if it is to be trusted."""
@@ -67,6 +70,11 @@ class Slips(NamedTuple):
     sure: NDArray[np.float64]
     small: NDArray[np.uint16]
 
+    @classmethod
+    def empty(cls, cells: int) -> Slips:
+        """Return room for the results."""
+        return cls(np.empty(cells, np.uint16), np.empty(cells, np.uint16), np.empty(cells), np.empty(cells, np.uint16))
+
 
 class Unfinished(NamedTuple):
     """What a chunk leaves to the next one; samples count from the next one's first.
@@ -94,67 +102,84 @@ class Unfinished(NamedTuple):
         return cls(np.zeros(cells, bool), np.zeros(cells), np.zeros(cells, np.int64), np.full(cells, _NEVER))
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _end(total, level, factors, tally):
+@njit(**LEAN)
+def _end(total, level, tally):
     """Count a slip that has ended, under every factor of the threshold; return whether it is significant."""
-    for j in range(factors.shape[0]):
-        tally[j] += int(total > factors[j] * level)
+    for j in range(_FACTORS.shape[0]):
+        tally[j] += int(total > _FACTORS[j] * level)
     return total > level
 
 
+@njit(**LEAN)
+def wrong_start(slipping, unfinished):
+    """Return the first cell that did not end the chunk before as this one says, -1 for none."""
+    for i in range(slipping.shape[0]):
+        if (slipping[i] != 0) != unfinished.slipping[i]:
+            return i
+    return -1
+
+
+@njit(**LEAN)
+def count_slips(i, intervals, samples, level, gap, state, result, tally):
+    """Write what the second test says of cell i to `result`, and to `state` what its chunk leaves."""
+    offsets, onset, duration, slip = intervals
+    slipping, unfinished, began, ended = state
+    number, clusters, sure, small = result
+    goes_on, total, start, last = slipping[i], unfinished[i], began[i], ended[i]
+    begin, end = np.int64(offsets[i]), np.int64(offsets[i + 1])
+    tally[:] = 0
+    apart, ends = 0, 0
+    if goes_on and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
+        ends += 1
+        if _end(total, level, tally):
+            apart += int(start - last > gap)
+            last = 0
+        goes_on = False
+    for k in range(begin, end):
+        if goes_on:
+            total += slip[k]
+        else:
+            total, start = slip[k], np.int64(onset[k])
+        stop = np.int64(onset[k]) + np.int64(duration[k])
+        goes_on = stop == samples
+        ends += int(not goes_on)
+        if not goes_on and _end(total, level, tally):
+            apart += int(start - last > gap)
+            last = stop
+    slipping[i] = goes_on
+    unfinished[i] = total if goes_on else 0.0
+    began[i] = start - samples if goes_on else 0
+    ended[i] = max(last - samples, _NEVER)
+    number[i] = tally[0]
+    clusters[i] = apart
+    small[i] = ends - tally[0]
+    same = 0
+    for j in range(1, tally.shape[0]):
+        same += int(tally[j] == tally[0])
+    sure[i] = same / (tally.shape[0] - 1)
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
-def _slips(
-    offsets,
-    onset,
-    duration,
-    slip,
-    samples,
-    level,
-    gap,
-    factors,
-    slipping,
-    unfinished,
-    began,
-    ended,
-    number,
-    clusters,
-    sure,
-    small,
-):
-    tally = np.empty(factors.shape[0], np.int64)
-    for i in range(level.shape[0]):
-        begin, end = offsets[i], offsets[i + 1]
-        goes_on, total, start, last = slipping[i], unfinished[i], began[i], ended[i]
-        tally[:] = 0
-        apart, ends = 0, 0
-        if goes_on and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
-            ends += 1
-            if _end(total, level[i], factors, tally):
-                apart += int(start - last > gap[i])
-                last = 0
-            goes_on = False
-        for k in range(begin, end):
-            if goes_on:
-                total += slip[k]
-            else:
-                total, start = slip[k], onset[k]
-            stop = onset[k] + duration[k]
-            goes_on = stop == samples
-            ends += int(not goes_on)
-            if not goes_on and _end(total, level[i], factors, tally):
-                apart += int(start - last > gap[i])
-                last = stop
-        slipping[i] = goes_on
-        unfinished[i] = total if goes_on else 0.0
-        began[i] = start - samples if goes_on else 0
-        ended[i] = max(last - samples, _NEVER)
-        number[i] = tally[0]
-        clusters[i] = apart
-        small[i] = ends - tally[0]
-        same = 0
-        for j in range(1, factors.shape[0]):
-            same += int(tally[j] == tally[0])
-        sure[i] = same / (factors.shape[0] - 1)
+def _slips(slipping, intervals, samples, level, gap, state, result):
+    """Write what the second test says of all cells; return the first that does not continue `state`, -1 for none."""
+    wrong = wrong_start(slipping, state)
+    if wrong < 0:
+        tally = np.empty(_FACTORS.shape[0], np.int64)
+        for i in range(level.shape[0]):
+            count_slips(i, intervals, samples, level[i], gap[i], state, result, tally)
+    return wrong
+
+
+def plain(intervals: Intervals) -> tuple[NDArray[Any], ...]:
+    """Return copies of the arrays, for compiled functions: views of a message may be unaligned."""
+    offsets, onset, duration = (np.array(array, np.uint32) for array in intervals[1:4])
+    return np.array(intervals.slipping, np.uint8), offsets, onset, duration, np.array(intervals.slip, np.float64)
+
+
+def refusal(row: int, slips: bool) -> ValueError:
+    """Return the error for a cell whose chunk does not begin as the one before ended: slipping or not."""
+    state = "slips" if slips else "sticks"
+    return ValueError(f"row {row}: the string {state} at the end of the chunk before, not so this one says")
 
 
 def slips(
@@ -180,23 +205,9 @@ def slips(
     ValueError
         Where the chunk does not begin in the state in which the one before ended.
     """
-    wrong = np.flatnonzero((intervals.slipping != 0) != before.slipping)
-    if len(wrong):
-        state = "slips" if before.slipping[wrong[0]] else "sticks"
-        raise ValueError(f"row {wrong[0]}: the string {state} at the end of the chunk before, not so this one says")
-    cells = len(level)
-    result = Slips(np.empty(cells, np.uint16), np.empty(cells, np.uint16), np.empty(cells), np.empty(cells, np.uint16))
-    after = Unfinished._make(array.copy() for array in before)
-    _slips(
-        intervals.offsets.astype(np.int64),
-        intervals.onset.astype(np.int64),
-        intervals.duration.astype(np.int64),
-        intervals.slip.astype(np.float64),  # astype copies: views of a message may be unaligned
-        samples,
-        level,
-        gap,
-        _FACTORS,
-        *after,
-        *result,
-    )
+    result, after = Slips.empty(len(level)), Unfinished._make(array.copy() for array in before)
+    parts = plain(intervals)
+    wrong = _slips(parts[0], parts[1:], samples, level, gap, after, result)
+    if wrong >= 0:
+        raise refusal(wrong, before.slipping[wrong])
     return result, after

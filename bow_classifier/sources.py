@@ -11,10 +11,12 @@ from __future__ import annotations
 import functools
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import bow_sim
 
 HERE = (
+    "chunk",
     "columns",
     "confidence",
     "corners",
@@ -46,3 +48,6 @@ def source_hash() -> str:
 
 VERSION = int(source_hash()[:15], 16)
 """For the functions that Numba keeps: the hash as a number of 64 bits."""
+
+LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+"""Numba's options for the parts of the tests: without reference counts, which would take a fifth of the time."""

@@ -1,8 +1,8 @@
 """`bow validate`: what the paper states beside what this program finds, with a verdict for each claim.
 
-The claims are those of PHYSICS.md section 8, the sections of the paper they come from, and section IV.B. A row's verdict is *pass* or
-*fail* by a tolerance that the row gives with its reason; *report* where the paper's statement gives nothing to hold a
-number against; *needs runs* where it is about maps that were not given.
+The claims are those of PHYSICS.md section 8, the sections of the paper they come from, and section IV.B. A row's
+verdict is *pass* or *fail* by a tolerance that the row gives with its reason; *report* where the paper gives
+nothing to hold a number against; *needs runs* where it is about maps that were not given.
 """
 
 from __future__ import annotations

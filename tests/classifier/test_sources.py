@@ -10,10 +10,10 @@ import numba
 import pytest
 from numba.core.dispatcher import Dispatcher
 
-from bow_classifier import corners, lines, longlags, periodicity, regime, slips, sources, thresholds
+from bow_classifier import chunk, corners, lines, longlags, periodicity, regime, slips, sources, thresholds
 from bow_classifier.sources import SOURCES, VERSION
 
-MODULES = (corners, lines, longlags, periodicity, regime, slips)
+MODULES = (chunk, corners, lines, longlags, periodicity, regime, slips)
 
 
 def test_numba_keeps_a_function_for_the_version_that_it_holds(monkeypatch, tmp_path):
