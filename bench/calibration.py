@@ -20,6 +20,7 @@ import numpy as np
 from bench.page import put
 from bow_classifier.thresholds import is_helmholtz
 from bow_sim.model import Parameters
+from bow_sim.page import MUTED, style
 from bow_sim.reflection import gaussian
 from bow_sweep.claims import REPORT
 from bow_sweep.claims_maps import CLAIMS
@@ -28,7 +29,7 @@ from bow_sweep.papermaps import LAYOUT
 from bow_sweep.plan import Sweep
 from bow_sweep.view.layers import transient_colours
 from bow_sweep.view.maps import MapFile
-from bow_sweep.view.sheet import MUTED, Sheet, paint, percent, style
+from bow_sweep.view.sheet import Sheet, paint, percent
 
 ROOT = Path(__file__).resolve().parent.parent
 STIFFNESS = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
