@@ -94,14 +94,15 @@ def _dots(
     """Draw one measure of all runs, the first at the top, with error bars."""
     ax = sheet.axes(left, top, width, height)
     scale = 100 if measure.unit == "%" else 1
+    end = 0.0
     for row, run in enumerate(numbers):
-        value, error = run[measure.name]["value"], run[measure.name]["error"]
+        value, error = run[measure.name]["value"], run[measure.name]["error"] or 0.0
         if value is not None:
-            ax.errorbar(scale * value, row, xerr=scale * (error or 0.0), fmt="o", ms=4, lw=1.2, capsize=2.5, color=BLUE)
+            ax.errorbar(scale * value, row, xerr=scale * error, fmt="o", ms=4, lw=1.2, capsize=2.5, color=BLUE)
+            end = max(end, scale * (value + error))
     ax.set_ylim(len(numbers) - 0.4, -0.6)
     ax.set_yticks(range(len(names)), names, fontsize=7)
-    ax.set_xlim(left=0)
-    ax.margins(x=0.12)
+    ax.set_xlim(0, 1.15 * end or 1.0)
     ax.xaxis.set_major_locator(MaxNLocator(3))
     ax.grid(axis="x", lw=0.4, color="0.85")
     ax.set_axisbelow(True)
