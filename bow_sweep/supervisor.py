@@ -42,6 +42,9 @@ CRASHES_WITHIN_S = 20.0
 LOOK_S = 0.5
 """Between two looks at what shared memory the processes have."""
 
+NAMED = 5
+"""Arguments of a node that say which it is: ``--ros-args``, its name, its namespace."""
+
 NICE = {"dashboard": 10}
 """Pictures wait where cores are short; the sweep does not."""
 
@@ -92,7 +95,7 @@ def _main(role: str, name: str, command: Sequence[str], environment: Mapping[str
     _be_a_child(role)
     os.environ.update(environment)
     _, _, module, *arguments = command
-    setproctitle.setproctitle(f"bow {' '.join(arguments)}")  # names first, as what has no room is cut off
+    setproctitle.setproctitle(f"bow {' '.join(arguments[:NAMED])}")  # ROS names a log file by it, so it must be short
     setproctitle.setthreadtitle(name)
     sys.argv = [module, *arguments]
     status: int = importlib.import_module(module).main()
@@ -145,7 +148,7 @@ class Supervisor:
         return child
 
     def _arguments(self, role: str, name: str) -> list[str]:
-        arguments = ["-r", f"__node:={name}", "-r", f"__ns:={self.namespace}"]
+        arguments = ["-r", f"__node:={name}", "-r", f"__ns:={self.namespace}", "--log-file-name", name]
         for key, value in self.parameters.get(role, {}).items():
             arguments += ["-p", f"{key}:={_yaml(value)}"]
         return arguments
