@@ -162,7 +162,8 @@ def _flyback(maps: Maps) -> Found:
     "Figs 11(c, e), 12, IV.B",
     "very reminiscent of Fig 12; at later times vertical",
     f"within {CLOSE:g} degrees of Fig 12 in at least three quarters of the streaky cells, which a thousandth of "
-    "maps with streaks turned at random would be; and closer to Fig 12 than to the vertical",
+    "maps with streaks turned at random would be; and closer to Fig 12 than to the vertical; of streaks that are a "
+    "twentieth of the plane at least",
     "ce",
 )
 def _fig12(maps: Maps) -> Found:
@@ -174,6 +175,7 @@ def _fig12(maps: Maps) -> Found:
         )
         if contours is None or vertical is None:
             return Found(f"({k}) has no streaks", False, {})
+        holds &= float((codes_of(plane) == STREAKY).mean()) >= 0.05
         holds &= contours.close >= 0.75 and contours.turned_p <= 0.001 and vertical.close < contours.close
         texts.append(
             f"({k}) {percent(contours.close)} within {CLOSE:g}°, chance {percent(contours.turned)}; "
