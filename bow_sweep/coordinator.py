@@ -40,6 +40,9 @@ and leaves each run in <runs_dir>/<run_id>.
 TICK_S = 0.2
 """Between two looks at the pool, two maps and two progress messages: 5 Hz."""
 
+IDLE_S = 5.0
+"""After the plan has closed, a dashboard that has no run yet has this long to take this one up."""
+
 CLOSE_S = 60.0
 """The recorder has this long to close the bag before the results are written without it."""
 
@@ -325,7 +328,7 @@ class CoordinatorNode(BowNode):
         if len(self._ready) == 2 and self._answers_reach_us():
             if self.health.state == Health.STARTING:
                 self.become(Health.BUSY)
-            self._pool.look(now)
+            self._pool.look(run.run_id, now)
         self._handle(Tick())
         if self._run is not None and not self._closing:
             self._publish_plan(Plan.OPEN, if_changed=True)
@@ -335,9 +338,10 @@ class CoordinatorNode(BowNode):
     def _all_closed(self, run_id: str) -> bool:
         """Whether a recorder has closed the bag, and no dashboard is still at work."""
         gone = (Health.CLOSED, Health.FAILED, Health.DEAD)
-        states = {(node.role, node.state) for node in self._nodes.values() if node.run_id in (run_id, "")}
-        recorded = ("recorder", Health.CLOSED) in states or ("recorder", Health.FAILED) in states
-        return recorded and all(state in gone for role, state in states if role == "dashboard")
+        late = time.monotonic() - self._closed_at > IDLE_S
+        nodes = [node for node in self._nodes.values() if node.run_id == run_id or (not node.run_id and not late)]
+        recorded = any(node.role == "recorder" and node.state in (Health.CLOSED, Health.FAILED) for node in nodes)
+        return recorded and all(node.state in gone for node in nodes if node.role == "dashboard")
 
     def _answers_reach_us(self) -> bool:
         here = self.get_namespace()

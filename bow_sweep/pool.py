@@ -18,6 +18,9 @@ SILENT_S = 6.0
 
 ACTION = "/simulate"
 ACTION_TYPE = "bow_msgs/action/Simulate"
+STRANGERS = 256
+"""Simulators at most whose word is kept until they are found: anybody may speak on a topic."""
+
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
 
 
@@ -47,6 +50,7 @@ class Pool:
     def __init__(self, node: Node, emit: Callable[[Event], None]) -> None:
         self._node, self._emit = node, emit
         self._simulators: dict[str, _Simulator] = {}
+        self._strangers: dict[str, Health] = {}  # heard of before their action servers were found
 
     def __len__(self) -> int:
         return sum(simulator.listed for simulator in self._simulators.values())
@@ -60,11 +64,16 @@ class Pool:
         """Take in a simulator's heartbeat, or its supervisor's word that it is gone."""
         known = self._simulators.get(message.node)
         if message.state in (Health.DEAD, Health.CLOSED):
+            self._strangers.pop(message.node, None)
             if (known and known.incarnation in ("", message.incarnation)) or (known and not message.incarnation):
                 self._lose(message.node, message.detail or "left", blame=message.state == Health.DEAD)
                 self._drop(message.node)
             return
-        if known is None or message.incarnation == known.gone:
+        if known is None:
+            if len(self._strangers) < STRANGERS:
+                self._strangers[message.node] = message
+            return
+        if message.incarnation == known.gone:
             return
         if known.incarnation not in ("", message.incarnation):
             self._lose(message.node, "restarted", blame=True)
@@ -73,13 +82,15 @@ class Pool:
         if not known.ready:
             self._lose(message.node, message.detail, blame=False)
 
-    def look(self, now: float) -> None:
+    def look(self, run_id: str, now: float) -> None:
         """Find new simulators, miss silent ones, and offer those that are ready; call a few times a second."""
         namespace = self._node.get_namespace().rstrip("/") + "/"
         for action, types in get_action_names_and_types(self._node):
             name = action.removesuffix(ACTION)
             if ACTION_TYPE in types and name != action and name.startswith(namespace) and name not in self._simulators:
                 self._simulators[name] = _Simulator(ActionClient(self._node, Simulate, action), heard=now)
+                if (message := self._strangers.pop(name, None)) is not None:
+                    self.on_health(message, run_id, now)
         for name, simulator in list(self._simulators.items()):
             if now - simulator.heard > SILENT_S:
                 self._lose(name, f"silent for {SILENT_S:g} s", blame=True)

@@ -125,8 +125,8 @@ class DashboardNode(BowNode):
             self._ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
             return
         directory = self._run_dir or self._runs_dir / run
-        if plan["state"] == Plan.CLOSED and not (directory / FILE).exists():
-            return  # over before we came
+        if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
+            return  # over before we came, and nobody asked for this very run
         self._let_go()
         port = self._port or (_free_port() if self._view else 0)
         if port and not _is_free(port):
