@@ -62,7 +62,7 @@ def conduct(
     Interrupted
         After Ctrl-C or SIGTERM; everything has been stopped in order.
     """
-    coordinator: dict[str, object] = {"once": True}
+    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard is not None}
     if resume:
         coordinator["resume"] = str(directory)
     else:

@@ -40,8 +40,8 @@ and leaves each run in <runs_dir>/<run_id>.
 TICK_S = 0.2
 """Between two looks at the pool, two maps and two progress messages: 5 Hz."""
 
-IDLE_S = 5.0
-"""After the plan has closed, a dashboard that has no run yet has this long to take this one up."""
+IDLE_S = 10.0
+"""After the plan has closed, a dashboard that is starting, or has no run yet, has this long to take this one up."""
 
 CLOSE_S = 60.0
 """The recorder has this long to close the bag before the results are written without it."""
@@ -69,6 +69,8 @@ class CoordinatorNode(BowNode):
         ).value
         once = ParameterDescriptor(description="end this process when the first run is finished")
         self._once = self.declare_parameter("once", False, once).value
+        shown = ParameterDescriptor(description="a dashboard was started: end a run only when it has drawn it")
+        self._shown = self.declare_parameter("dashboard", False, shown).value
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._run: Run | None = None
         self._goal: Any = None
@@ -341,7 +343,8 @@ class CoordinatorNode(BowNode):
         late = time.monotonic() - self._closed_at > IDLE_S
         nodes = [node for node in self._nodes.values() if node.run_id == run_id or (not node.run_id and not late)]
         recorded = any(node.role == "recorder" and node.state in (Health.CLOSED, Health.FAILED) for node in nodes)
-        return recorded and all(node.state in gone for node in nodes if node.role == "dashboard")
+        drawn = [node.state in gone for node in nodes if node.role == "dashboard"]
+        return recorded and all(drawn) and (bool(drawn) or late or not self._shown)
 
     def _answers_reach_us(self) -> bool:
         here = self.get_namespace()
