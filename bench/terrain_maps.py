@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from bow_classifier.judge import BlockJudge, Geometry
-from bow_classifier.slips import Intervals
 from bow_classifier.thresholds import DEFAULT_PRESET, THRESHOLD_PRESETS, Thresholds
 from bow_sim.identity import fingerprint
 from bow_sim.kernel import Block
 from bow_sweep.basin import Basin
+from bow_sweep.inprocess import intervals_of
 from bow_sweep.papermaps import LAYOUT
 from bow_sweep.plan import Sweep
 from bow_sweep.view.maps import MapFile
@@ -44,13 +44,7 @@ def judged(sweep: Sweep, thresholds: Sequence[Thresholds]) -> list[Basin]:
         judges = [BlockJudge(Geometry.of(p), each, len(cells), speed, position) for each in thresholds]
         for test in range(p.chunks):
             chunk = block.advance()
-            intervals = Intervals(
-                slipping=chunk.slipping,
-                offsets=chunk.offsets,
-                onset=chunk.onset,
-                duration=chunk.duration,
-                slip=chunk.slip,
-            )
+            intervals = intervals_of(chunk)
             for judge, basin in zip(judges, basins, strict=True):
                 basin.take(test, cells, judge.judge(chunk.bridge_force, intervals)._asdict())
     return basins

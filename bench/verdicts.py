@@ -25,11 +25,10 @@ from bow_classifier.confidence import COEFFICIENTS, MARGINS
 from bow_classifier.judge import BlockJudge, Geometry
 from bow_classifier.regime import history
 from bow_classifier.regimes import REGIMES, count, is_helmholtz
-from bow_classifier.slips import Intervals
 from bow_classifier.thresholds import Thresholds
 from bow_sim.kernel import Block
 from bow_sweep.claims_maps import CLAIMS
-from bow_sweep.inprocess import compute
+from bow_sweep.inprocess import compute, intervals_of
 from bow_sweep.plan import Sweep
 from bow_sweep.view.maps import MapFile
 
@@ -113,7 +112,7 @@ def labelled(half: str, thresholds: Thresholds | None = None) -> Found:
         judge = BlockJudge(geometry, thresholds or Thresholds(), len(cells))
         for _ in range(sweep.chunks):
             chunk = block.advance()
-            judge.judge(chunk.bridge_force, Intervals(*(getattr(chunk, field) for field in Intervals._fields)))
+            judge.judge(chunk.bridge_force, intervals_of(chunk))
         parts.append(_found([row["label"] for row in mine], [int(row["count"] or -1) for row in mine], judge, geometry))
     return _joined(parts)
 
@@ -188,7 +187,7 @@ def cost(name: str) -> tuple[float, float]:
             clock = time.process_time()
             chunk = block.advance()
             simulated += time.process_time() - clock
-            slips = Intervals(*(getattr(chunk, field) for field in Intervals._fields))
+            slips = intervals_of(chunk)
             clock = time.process_time()
             judge.judge(chunk.bridge_force, slips)
             judged += time.process_time() - clock
@@ -206,7 +205,7 @@ def judge_map(name: str, sets: Sequence[Thresholds]) -> list[MapFile]:
         judges = [BlockJudge(geometry, one, len(cells)) for one in sets]
         for test in range(sweep.chunks):
             chunk = block.advance()
-            slips = Intervals(*(getattr(chunk, field) for field in Intervals._fields))
+            slips = intervals_of(chunk)
             for k, judge in enumerate(judges):
                 regimes[k, test, cells] = judge.judge(chunk.bridge_force, slips).regime
     usual = MapFile.of(sweep, compute(sweep), "")

@@ -10,11 +10,18 @@ from numpy.typing import ArrayLike
 from bow_classifier.judge import BlockJudge, Geometry, Judgement
 from bow_classifier.slips import Intervals
 from bow_classifier.thresholds import Thresholds
-from bow_sim.kernel import Block
+from bow_sim.kernel import Block, ChunkResult
 from bow_sim.model import Parameters
 
 from .basin import Basin
 from .plan import Sweep
+
+
+def intervals_of(chunk: ChunkResult) -> Intervals:
+    """Return the slips of a chunk as the classifier takes them."""
+    return Intervals(
+        slipping=chunk.slipping, offsets=chunk.offsets, onset=chunk.onset, duration=chunk.duration, slip=chunk.slip
+    )
 
 
 def judgements(
@@ -43,14 +50,7 @@ def judgements(
     judge = BlockJudge(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
     for _ in range(parameters.chunks):
         chunk = block.advance()
-        intervals = Intervals(
-            slipping=chunk.slipping,
-            offsets=chunk.offsets,
-            onset=chunk.onset,
-            duration=chunk.duration,
-            slip=chunk.slip,
-        )
-        yield judge.judge(chunk.bridge_force, intervals)
+        yield judge.judge(chunk.bridge_force, intervals_of(chunk))
 
 
 def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
