@@ -75,7 +75,6 @@ setup(
         "llvmlite>=0.50",  # numba's own; its version is part of the kernel's fingerprint
         "pyyaml>=6.0",
         "rich>=13.7",
-        "scikit-image>=0.22",
         "scipy>=1.11",
         "setproctitle>=1.3",
         "xxhash>=3.4",

@@ -37,6 +37,9 @@ It keeps the state of the blocks under way. If it is started again, the coordina
 and has the unfinished blocks sent again. Ctrl-C stops it.
 """
 
+LOOK_S = 0.05
+"""Between two looks at who listens, at the start."""
+
 RETRY_S = 0.25
 """Between two tries to publish while a subscriber hangs: publish() itself waits 0.1 s, and the node must breathe."""
 
@@ -57,7 +60,8 @@ class ClassifierNode(BowNode):
         self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         for kind, topic in ((BridgeForce, "bridge_force"), (StickSlip, "stick_slip")):
             self.create_subscription(kind, topic, partial(self._on_stream, kind.__name__), STREAM, raw=True)
-        self.create_timer(RETRY_S, self._tick)
+        self.create_timer(LOOK_S, self._look)
+        self.create_timer(RETRY_S, self._publish)
         self.become(Health.STARTING, "waiting for a plan")
 
     def _on_plan(self, data: bytes) -> None:
@@ -72,12 +76,11 @@ class ClassifierNode(BowNode):
             self.become(Health.STARTING, "waiting for recorder and coordinator", run=classifier.task.run_id)
         self._note()
 
-    def _tick(self) -> None:
-        """Become ready once nobody can miss a verdict; publish again what could not go out."""
+    def _look(self) -> None:
+        """Become ready once nobody can miss a verdict."""
         waits = self._classifier.task is not None and self.health.state == Health.STARTING
         if waits and has_met(self, self._verdicts, ["recorder", "coordinator"]):
             self.become(Health.READY)
-        self._publish()
 
     def _on_stream(self, name: str, data: bytes) -> None:
         self._send(self._classifier.take(name, data))

@@ -163,9 +163,10 @@ def quartiles(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def largest_area(came: NDArray[np.bool_]) -> int:
     """Return the number of cells in the largest contiguous area of a mask, (ny, nx); neighbours share an edge."""
-    from skimage.measure import label
+    from scipy.ndimage import label
 
-    return int(np.bincount(label(came, connectivity=1).ravel())[1:].max(initial=0))
+    areas, _ = label(came)
+    return int(np.bincount(areas.ravel())[1:].max(initial=0))
 
 
 def boundary(came: NDArray[np.bool_], known: NDArray[np.bool_]) -> int:

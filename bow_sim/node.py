@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from bow_msgs.action import Simulate
 from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip
+from numpy.typing import NDArray
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.duration import Duration
@@ -73,6 +74,7 @@ class SimulatorNode(BowNode):
         self._window = Window(credit)
         self._goals: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._held = 0
+        self._prepared: dict[tuple[int, int, int], Block] = {}
         self._run: tuple[str, str] = ("", "")
         self._epoch = 0
         self._settled: set[int] = set()
@@ -215,7 +217,7 @@ class SimulatorNode(BowNode):
         if len(set(lengths.values())) != 1 or not lengths["cells"]:
             return f"array lengths {lengths} should be equal and above 0"
         try:
-            self._prepare(goal)
+            self._prepared[_key(goal)] = self._prepare(goal)
         except (ParameterError, ValueError) as error:
             return str(error)
         return ""
@@ -280,10 +282,11 @@ class SimulatorNode(BowNode):
         if self.health.state == Health.READY:
             self.become(Health.BUSY)
         goal_handle.publish_feedback(Simulate.Feedback(chunk=0))
-        block = self._prepare(goal)
+        block = self._prepared.pop(_key(goal))
         cells = np.asarray(goal.cells, dtype=np.uint32)
         common = {name: getattr(goal, name) for name in ("run_id", "sweep_id", "block", "attempt")}
         common |= {"incarnation": self.incarnation, "cells": cells, "checksum": 0}
+        shown = np.flatnonzero(np.isin(cells, self.get_parameter("inspect").value or ()))
         for chunk in range(block.parameters.chunks):
             began = time.perf_counter()
             output = block.advance()
@@ -300,7 +303,8 @@ class SimulatorNode(BowNode):
             with self._lock:
                 self._window.sent((goal.block, chunk), messages, time.monotonic())
             self._publish(messages)
-            self._show(values, output)
+            if shown.size:
+                self._show(values, output, shown)
             result.chunks += 1
         return result, True
 
@@ -347,12 +351,10 @@ class SimulatorNode(BowNode):
                 names = ", ".join(sorted({i.node_name for i in listeners}))
                 self.get_logger().warning(f"{publisher.topic_name}: a subscriber hangs, one of {names}")
 
-    def _show(self, values: Mapping[str, Any], output: ChunkResult) -> None:
-        inspected = set(self.get_parameter("inspect").value or ())
-        rows = [row for row, cell in enumerate(values["cells"].tolist()) if cell in inspected]
-        if rows:
-            shown = {"cells": values["cells"][rows], "data": output.bridge_force[rows]}
-            self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
+    def _show(self, values: Mapping[str, Any], output: ChunkResult, rows: NDArray[np.intp]) -> None:
+        """Publish the bridge force of some cells of a chunk, by their rows, for people to look at."""
+        shown = {"cells": values["cells"][rows], "data": output.bridge_force[rows]}
+        self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
 
     def close(self) -> None:
         """Stop the worker; what it has not finished the coordinator gives to another."""
@@ -360,6 +362,10 @@ class SimulatorNode(BowNode):
         with self._lock:
             self._lock.notify_all()
         self._worker.join(5.0)
+
+
+def _key(goal: Simulate.Goal) -> tuple[int, int, int]:
+    return goal.epoch, goal.block, goal.attempt
 
 
 def main() -> int:

@@ -148,6 +148,30 @@ def chunk_checksum(block: int, chunk: int, bridge_force: int, stick_slip: int) -
     return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=_place(block, chunk))
 
 
+class _Field(NamedTuple):
+    """How a field is laid out: what there is to know before a message comes."""
+
+    name: str
+    kind: str
+    """"string", "string[]", "array" or "scalar"."""
+    form: struct.Struct
+    """Of a scalar, an item of an array or the length of a string."""
+    dtype: np.dtype[Any]
+
+    @classmethod
+    def of(cls, name: str, declared: str) -> _Field:
+        item = declared.removesuffix("[]")
+        if item == "string":
+            return cls(name, declared, _LENGTH, np.dtype("S"))
+        form = struct.Struct("<" + _LETTERS[item])
+        return cls(name, "scalar" if item == declared else "array", form, np.dtype(item).newbyteorder("<"))
+
+
+_LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
+_LENGTH = struct.Struct("<I")
+_LAYOUT = {message: [_Field.of(*field) for field in fields.items()] for message, fields in FIELDS.items()}
+
+
 class _Writer:
     """Collects aligned pieces; the large arrays are joined once, at the end, and copied once."""
 
@@ -162,23 +186,25 @@ class _Writer:
         self.parts.append(data)
         self.size += gap + len(data)
 
-    def field(self, kind: str, value: Any) -> None:
-        if kind == "string":
-            text = value.encode() + b"\0"
-            self.raw(struct.pack("<I", len(text)), 4)
-            self.raw(text, 1)
-        elif kind == "string[]":
-            self.raw(struct.pack("<I", len(value)), 4)
-            for item in value:
-                self.field("string", item)
-        elif kind.endswith("[]"):
-            array = np.ascontiguousarray(value, dtype=np.dtype(kind[:-2]).newbyteorder("<")).reshape(-1)
-            self.raw(struct.pack("<I", array.size), 4)
+    def field(self, field: _Field, value: Any) -> None:
+        if field.kind == "scalar":
+            self.raw(field.form.pack(value), field.form.size)
+        elif field.kind == "array":
+            array = np.ascontiguousarray(value, dtype=field.dtype).reshape(-1)
+            self.raw(_LENGTH.pack(array.size), 4)
             if array.size:
                 self.raw(array.view(np.uint8).data, array.itemsize)
+        elif field.kind == "string":
+            self._string(value)
         else:
-            scalar = np.dtype(kind).newbyteorder("<").type(value)
-            self.raw(scalar.tobytes(), scalar.itemsize)
+            self.raw(_LENGTH.pack(len(value)), 4)
+            for item in value:
+                self._string(item)
+
+    def _string(self, value: str) -> None:
+        text = value.encode() + b"\0"
+        self.raw(_LENGTH.pack(len(text)), 4)
+        self.raw(text, 1)
 
 
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
@@ -193,63 +219,18 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
     """
     head, tail = _Writer(), _Writer()
     writer = head
-    for field, kind in FIELDS[name].items():
-        if field == "checksum" and kind == "uint64":
+    seals = is_sealed(name)
+    for field in _LAYOUT[name]:
+        if seals and field.name == "checksum":
             writer = tail
         else:
-            writer.field(kind, values[field])
-    if writer is tail:
+            writer.field(field, values[field.name])
+    if seals:
         digest = xxhash.xxh3_64(seed=_place(int(values["block"]), int(values["chunk"])))
         for part in tail.parts:
             digest.update(part)
         head.raw(struct.pack("<Q", digest.intdigest()), 8)
     return b"".join([ENCAPSULATION, *head.parts, *tail.parts])
-
-
-_LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
-_SCALARS = {kind: struct.Struct("<" + letter) for kind, letter in _LETTERS.items()}
-_ITEMS = {f"{kind}[]": np.dtype(kind).newbyteorder("<") for kind in _LETTERS}
-
-
-class _Reader:
-    def __init__(self, name: str, data: Buffer) -> None:
-        self.name, self.data, self.at = name, memoryview(data), len(ENCAPSULATION)
-        if bytes(self.data[:2]) != ENCAPSULATION[:2]:
-            raise WireError(
-                f"{name}: starts with {bytes(self.data[:4]).hex()}, not with plain little-endian CDR (0001)"
-            )
-
-    def take(self, field: str, count: int, size: int) -> int:
-        """Return where `count` items of `size` bytes begin; nothing is allocated on the word of the sender."""
-        start = self.at + (-(self.at - len(ENCAPSULATION)) % size if count else 0)
-        end = start + count * size
-        if end > len(self.data):
-            raise WireError(f"{self.name}.{field}: wants bytes {start} to {end}, the message has {len(self.data)}")
-        self.at = end
-        return start
-
-    def scalar(self, field: str, kind: str) -> Any:
-        form = _SCALARS[kind]
-        return form.unpack_from(self.data, self.take(field, 1, form.size))[0]
-
-    def field(self, field: str, kind: str) -> Any:
-        if kind == "string":
-            length = self.scalar(field, "uint32")
-            start = self.take(field, length, 1)
-            text = bytes(self.data[start : start + length])
-            if not text.endswith(b"\0"):
-                raise WireError(f"{self.name}.{field}: the string at byte {start} does not end with a zero")
-            try:
-                return text[:-1].decode()
-            except UnicodeDecodeError as error:
-                raise WireError(f"{self.name}.{field}: the string at byte {start} is not UTF-8: {error}") from None
-        if kind == "string[]":
-            return [self.field(field, "string") for _ in range(self.scalar(field, "uint32"))]
-        if kind.endswith("[]"):
-            dtype = _ITEMS[kind]
-            count = self.scalar(field, "uint32")
-            return np.frombuffer(self.data, dtype, count, self.take(field, count, dtype.itemsize))
-        return self.scalar(field, kind)
 
 
 def decode(name: str, data: Buffer) -> dict[str, Any]:
@@ -266,28 +247,67 @@ def decode(name: str, data: Buffer) -> dict[str, Any]:
 
 
 def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
-    """Return the fields of a message, and where what its checksum covers begins."""
-    reader = _Reader(name, data)
-    values, covered = {}, 0
-    for field, kind in FIELDS[name].items():
-        values[field] = reader.field(field, kind)
+    """Return the fields of a message, and where what its checksum covers begins.
+
+    Nothing is allocated on the word of the sender.
+    """
+    view = memoryview(data)
+    if view[:2] != ENCAPSULATION[:2]:
+        raise WireError(f"{name}: starts with {bytes(view[:4]).hex()}, not with plain little-endian CDR (0001)")
+    body = view[len(ENCAPSULATION) :]
+    size = len(body)
+    values: dict[str, Any] = {}
+    at = covered = 0
+    for field, kind, form, dtype in _LAYOUT[name]:
+        count, item = 1, form.size
+        try:
+            if kind == "scalar":
+                at += -at % item
+                (values[field],) = form.unpack_from(body, at)
+                at += item
+            elif kind == "array":
+                at += -at % 4
+                (count,) = _LENGTH.unpack_from(body, at)
+                at += 4
+                if count:
+                    at += -at % item
+                values[field] = np.frombuffer(body, dtype, count, at)
+                at += count * item
+            elif kind == "string":
+                values[field], at = _string(name, field, body, at)
+            else:
+                at += -at % 4
+                (count,) = _LENGTH.unpack_from(body, at)
+                at += 4
+                texts = values[field] = []
+                for _ in range(count):
+                    text, at = _string(name, field, body, at)
+                    texts.append(text)
+        except (struct.error, ValueError):
+            start, end = at + len(ENCAPSULATION), at + len(ENCAPSULATION) + count * item
+            raise WireError(f"{name}.{field}: wants bytes {start} to {end}, the message has {len(view)}") from None
         if field == "checksum":
-            covered = reader.at
-    if len(reader.data) - reader.at > (0 if is_sealed(name) else SLACK):
-        raise WireError(f"{name}: {len(reader.data) - reader.at} bytes too many after byte {reader.at}")
+            covered = at + len(ENCAPSULATION)
+    if size - at > (0 if is_sealed(name) else SLACK):
+        raise WireError(f"{name}: {size - at} bytes too many after byte {at + len(ENCAPSULATION)}")
     return values, covered
 
 
-def peek(name: str, data: Buffer) -> Identity:
-    """Return the identity of a sealed message without reading what follows.
-
-    Raises
-    ------
-    WireError
-        Where the bytes end too early.
-    """
-    reader = _Reader(name, data)
-    return Identity(*(reader.field(field, FIELDS[name][field]) for field in Identity._fields))
+def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]:
+    """Return a string of a message and where it ends."""
+    at += -at % 4
+    (length,) = _LENGTH.unpack_from(body, at)
+    at += 4
+    text = bytes(body[at : at + length])
+    if len(text) < length:
+        raise struct.error
+    if text[-1:] != b"\0":
+        raise WireError(f"{name}.{field}: the string at byte {at + len(ENCAPSULATION)} does not end with a zero")
+    try:
+        return text[:-1].decode(), at + length
+    except UnicodeDecodeError as error:
+        where = at + len(ENCAPSULATION)
+        raise WireError(f"{name}.{field}: the string at byte {where} is not UTF-8: {error}") from None
 
 
 def identity(values: Mapping[str, Any]) -> Identity:
@@ -324,17 +344,21 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
 
 def _check_intervals(values: Mapping[str, Any]) -> None:
     """Raise where the slip intervals of a chunk do not lie in order, apart and within the chunk."""
-    offsets = values["offsets"].astype(np.int64)
-    onset, duration = values["onset"].astype(np.int64), values["duration"].astype(np.int64)
+    offsets, onset, duration = (values[name].astype(np.int64) for name in ("offsets", "onset", "duration"))
     count = len(onset)
     if len(duration) != count or len(values["slip"]) != count:
         raise WireError(
             f"StickSlip: {count} onsets, {len(duration)} durations, {len(values['slip'])} slips; should be equal"
         )
-    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (np.diff(offsets) < 0).any():
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (offsets[1:] < offsets[:-1]).any():
         raise WireError(f"StickSlip.offsets: should rise from 0 to {count}, the number of intervals")
-    if (duration < 1).any() or (onset + duration > values["samples"]).any():
+    if not count:
+        return
+    ends = onset + duration
+    if duration.min() < 1 or ends.max() > values["samples"]:
         raise WireError(f"StickSlip: an interval is empty or reaches past the chunk's {values['samples']} samples")
-    same_cell = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    if count and (np.diff(onset)[np.diff(same_cell) == 0] <= duration[:-1][np.diff(same_cell) == 0]).any():
+    apart = onset[1:] > ends[:-1]
+    first = offsets[(offsets > 0) & (offsets < count)]  # of its cell: free to begin before the cell above ends
+    apart[first - 1] = True
+    if not apart.all():
         raise WireError("StickSlip: the intervals of a cell should come in order, at least one sample apart")

@@ -52,8 +52,9 @@ class Basin:
         """
         for name, layer in self.layers.items():
             layer[test, cells] = verdict[name]
-        self.tested[cells] = np.count_nonzero(self.layers["regime"][:, cells] != PENDING, axis=0)
-        passed = is_helmholtz(self.layers["regime"][:, cells])
+        regime = self.layers["regime"][:, cells]
+        self.tested[cells] = np.count_nonzero(regime != PENDING, axis=0)
+        passed = is_helmholtz(regime)
         self.transient_periods[cells] = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0)
 
     def latest(self, name: str) -> np.ndarray:

@@ -24,7 +24,7 @@ from .basin import Basin
 from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
 from .plan import Sweep
 from .pool import Pool
-from .results import load_basin, playability_of, write_results
+from .results import load_basin, playability_of, prepare, write_results
 from .run import Run, RunError
 
 HELP = """
@@ -110,6 +110,7 @@ class CoordinatorNode(BowNode):
                 self.become(Health.READY, "waits for a goal on run_sweep")
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
+        prepare()  # now, while the others start
 
     # ---- beginning and end
 
@@ -139,14 +140,12 @@ class CoordinatorNode(BowNode):
         self.get_logger().info(f"run {run.run_id}: {sweep.cells} cells, {run.blocks.count} blocks, in {run.directory}")
 
     def _finish(self) -> None:
-        """Write what the run leaves, answer the goal, and wait for the next one."""
+        """Write the report, answer the goal, and wait for the next one."""
         run = self._run
         assert run is not None
         wall = time.monotonic() - self._began
         this_time = run.cells_in(State.DONE) - self._done_before
-        measured = playability_of(run, self._basin)
-        report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": measured})
-        write_results(run, self._basin)
+        report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": self._playability})
         cells = report["cells"]
         message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
         if self._goal is not None:
@@ -212,6 +211,7 @@ class CoordinatorNode(BowNode):
                 self._consumers[message.role] = message.incarnation
                 self.get_logger().warning(f"{message.role} restarted: unfinished blocks are due again")
                 self._handle(ConsumerRestarted(message.role))
+        self._finish_when_closed()
 
     def _mine(self, values: Any) -> bool:
         run = self._run
@@ -301,10 +301,15 @@ class CoordinatorNode(BowNode):
         self._pool.send(simulator, goal, self._spec)
 
     def _close_run(self) -> None:
+        """Tell everybody that the run is over, and draw the map while they close what they write."""
+        assert self._run is not None
         self._closing = True
         self._closed_at = time.monotonic()
         self._publish_map()
         self._publish_plan(Plan.CLOSED)
+        self.become(Health.BUSY, "drawing the map, while the bag is closed")
+        self._playability = playability_of(self._run, self._basin)
+        write_results(self._run, self._basin)
         self.become(Health.BUSY, "waiting for the bag to close")
 
     # ---- five times a second
@@ -324,8 +329,7 @@ class CoordinatorNode(BowNode):
             self.get_logger().warning(f"run {run.run_id} is cancelled; it can be resumed: -p resume:={run.directory}")
             self._close_run()
         if self._closing:
-            if self._all_closed(run.run_id) or now - self._closed_at > CLOSE_S:
-                self._finish()
+            self._finish_when_closed()
             return
         if len(self._ready) == 2 and self._answers_reach_us():
             if self.health.state == Health.STARTING:
@@ -336,6 +340,13 @@ class CoordinatorNode(BowNode):
             self._publish_plan(Plan.OPEN, if_changed=True)
             self._publish_map()
             self._publish_progress()
+
+    def _finish_when_closed(self) -> None:
+        run = self._run
+        if self._closing and run is not None:
+            late = time.monotonic() - self._closed_at > CLOSE_S
+            if late or self._all_closed(run.run_id):
+                self._finish()
 
     def _all_closed(self, run_id: str) -> bool:
         """Whether a recorder has closed the bag, and no dashboard is still at work."""

@@ -99,7 +99,7 @@ class Sweep:
     parameters: Parameters
     x: Axis = X_AXIS
     y: Axis = Y_AXIS
-    block_cells: int = 128
+    block_cells: int = 256
     thresholds: Thresholds = field(default_factory=Thresholds)
     preset: str = ""
     adaptive: float = 1.0

@@ -37,6 +37,13 @@ def playability_of(run: Run, basin: Basin) -> dict[str, Any]:
     return playability(run.transient_periods(basin), regime)
 
 
+def prepare() -> None:
+    """Load the libraries that results are drawn and measured with, which take half a second."""
+    import scipy.ndimage  # noqa: F401
+
+    from .view import pictures  # noqa: F401
+
+
 def write_results(run: Run, basin: Basin) -> None:
     """Write map.npz and map.png into the directory of a run."""
     result = map_of(run, basin)

@@ -118,6 +118,7 @@ class Supervisor:
     def __init__(self, namespace: str, logs: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
         self.namespace, self.logs, self.parameters = namespace, logs, parameters
         self.children: list[Child] = []
+        self._leaving: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
         self._looked = 0.0
@@ -185,6 +186,15 @@ class Supervisor:
             raise GraphError(f"{death.child.name} ended {CRASHES} times ({death.cause}):\n{tail(death.child.log)}")
         return self.start(death.child.role)
 
+    def release(self, roles: Sequence[str]) -> None:
+        """Tell processes whose work is over to end; nobody waits for them, or misses them."""
+        going = [child for child in self.children if child.role in roles]
+        self.children = [child for child in self.children if child not in going]
+        self._leaving += going
+        for child in going:
+            with contextlib.suppress(ProcessLookupError):
+                child.process.send_signal(signal.SIGINT)
+
     def stop(self, idle: bool) -> list[Child]:
         """Stop every process, politely first; return those that had to be killed.
 
@@ -198,13 +208,15 @@ class Supervisor:
                     child.process.send_signal(signal.SIGCONT)
                     child.process.send_signal(signal.SIGINT)
             deadline = time.monotonic() + STOP_S
-            for child in group:
+            for child in [*group, *self._leaving]:
                 try:
                     child.process.wait(max(0.1, deadline - time.monotonic()))
                 except subprocess.TimeoutExpired:
                     stubborn.append(child)
                     child.process.kill()
                     child.process.wait()
+        self.children += self._leaving
+        self._leaving = []
         self.buried()
         return stubborn
 

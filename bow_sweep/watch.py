@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 
 import numpy as np
 import rclpy
-from bow_msgs.msg import BasinMap, Health
+from bow_msgs.msg import BasinMap, Health, Plan
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -29,9 +30,12 @@ class SupervisorNode(BowNode):
         self.details: dict[str, str] = {}
         self.news: dict[str, bool] = {}  # for people; True = not yet said
         self.worked: set[int] = set()  # processes that were ready once
+        self.over: set[str] = set()  # roles that have nothing more to do
+        self._closed = False
         self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
         self.create_subscription(Health, "health", self._on_health, HEARD)
+        self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         self.become(Health.READY)
 
     def _on_map(self, data: bytes) -> None:
@@ -47,7 +51,15 @@ class SupervisorNode(BowNode):
             regimes={name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
         )
 
+    def _on_plan(self, data: bytes) -> None:
+        with contextlib.suppress(wire.WireError):
+            if wire.decode("Plan", data)["state"] == Plan.CLOSED:
+                self._closed = True
+                self.over |= {"simulator", "classifier"}
+
     def _on_health(self, message: Health) -> None:
+        if self._closed and message.state == Health.CLOSED and message.role in ("recorder", "dashboard"):
+            self.over.add(message.role)
         self.details[message.role] = message.detail
         if message.state in (Health.READY, Health.BUSY) and message.host == self.health.host:
             self.worked.add(message.pid)
@@ -110,6 +122,9 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             node.bury(death)
             death.child.worked = death.child.process.pid in node.worked
             supervisor.revive(death)
+        if node.over:
+            supervisor.release(tuple(node.over))
+            node.over.clear()
         if node.failed:
             raise GraphError(node.failed)
         for line in [text for text, new in node.news.items() if new]:

@@ -159,16 +159,15 @@ class Session:
 
     def _once(self, topic: str, data: bytes) -> bool:
         """Check and answer a message that is stored once; return whether it is to be stored."""
-        head = read_head(data)
-        self.expected.check_head(head)
-        self.expected.check(STORED_ONCE[topic], data)
-        known = self.inventory.checksum(topic, head.block, head.chunk)
-        if known not in (None, head.checksum):
+        values = self.expected.check(STORED_ONCE[topic], data)
+        block, chunk, attempt, checksum = (values[name] for name in ("block", "chunk", "attempt", "checksum"))
+        known = self.inventory.checksum(topic, block, chunk)
+        if known not in (None, checksum):
             self.complaints[
-                f"{topic}: block {head.block}, chunk {head.chunk}, attempt {head.attempt} has checksum "
-                f"{head.checksum:016x}, stored is {known:016x}"
+                f"{topic}: block {block}, chunk {chunk}, attempt {attempt} has checksum "
+                f"{checksum:016x}, stored is {known:016x}"
             ] += 1
-        new, answer = self.inventory.take(topic, head.block, head.chunk, head.attempt, head.checksum)
+        new, answer = self.inventory.take(topic, block, chunk, attempt, checksum)
         if answer is not None:
             self._answers.append(answer)
         return new

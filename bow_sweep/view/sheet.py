@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedFormatter, FixedLocator
 
 from bow_sim.model import CHUNK_PERIODS
@@ -38,9 +40,17 @@ class Sheet:
 
     def swatch(self, colour: Sequence[int], left: float, top: float, width: float, height: float) -> None:
         """Draw a framed patch of one colour."""
-        patch = self.axes(left, top, width, height)
-        patch.set_facecolor(tuple(np.array(colour) / 255))
-        patch.set(xticks=[], yticks=[])
+        corner = (left / self.width, 1 - (top + height) / self.height)
+        patch = Rectangle(
+            corner,
+            width / self.width,
+            height / self.height,
+            transform=self.figure.transFigure,
+            facecolor=tuple(np.array(colour) / 255),
+            edgecolor=rcParams["axes.edgecolor"],
+            linewidth=rcParams["axes.linewidth"],
+        )
+        self.figure.add_artist(patch)
 
     def bar(self, colours: np.ndarray, ends: tuple[float, float], left: float, top: float, *size: float) -> Axes:
         """Draw a colour bar, its first colour at the bottom, with ticks on its right; `size` is width and height."""

@@ -25,7 +25,7 @@ def poison_simulator() -> object:
     class PoisonSimulator(SimulatorNode):
         def _publish(self, messages: Sequence[bytes]) -> None:
             super()._publish(messages)
-            seen = wire.peek("BridgeForce", messages[0])
+            seen = wire.identity(wire.decode("BridgeForce", messages[0]))
             if (seen.block, seen.chunk) == (int(os.environ["POISON_BLOCK"]), CHUNK):
                 die()
 

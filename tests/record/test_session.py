@@ -126,7 +126,7 @@ RUBBISH = {
     "verdicts of another classifier": ("verdicts", changed("verdicts", classifier="?"), "classifier = '?'"),
     "a flipped bit": ("bridge_force", CHUNK.bridge_force[:-9] + b"\xff" + CHUNK.bridge_force[-8:], "does not hold"),
     "a message cut short": ("stick_slip", CHUNK.stick_slip[:100], ""),
-    "nothing": ("verdicts", b"", "has no identity"),
+    "nothing": ("verdicts", b"", "not with plain little-endian CDR"),
     "no map": ("basin_map", b"\x00\x01\x00\x00", ""),
     "an inspected cell of another run": ("inspect", changed("bridge_force", run_id="f" * 16), "this is run"),
 }
