@@ -1,8 +1,8 @@
 """Back-pressure by credit: what a simulator has sent and nobody has yet answered for.
 
-A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks are
-under way; a DDS acknowledgement does not count, for it says nothing of a write or a verdict. What stays unanswered is
-sent again: both consumers answer a duplicate as they answered the first.
+A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks and
+`LIMIT_BYTES` are under way; a DDS acknowledgement does not count, for it says nothing of a write or a verdict. What
+stays unanswered is sent again: both consumers answer a duplicate as they answered the first.
 """
 
 from __future__ import annotations
@@ -11,7 +11,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 LIMIT = 32
-"""Chunks under way at most: about 11 MB of bridge force at 128 cells a block."""
+"""Chunks under way at most."""
+
+LIMIT_BYTES = 12 << 20
+"""Bytes under way after which no other chunk begins."""
 
 RESEND_S = 2.0
 """A block without any answer for this long, while both consumers are alive, has its unanswered chunks sent again."""
@@ -26,6 +29,10 @@ class _Sent:
     receipted: bool = False
     judged: bool = False
 
+    @property
+    def size(self) -> int:
+        return sum(map(len, self.messages))
+
 
 class Window:
     """The unanswered chunks of one simulator, oldest first.
@@ -39,6 +46,7 @@ class Window:
     def __init__(self, limit: int = LIMIT) -> None:
         self.limit = limit
         self._sent: dict[Key, _Sent] = {}
+        self._bytes = 0
         self._quiet_since: dict[int, float] = {}
 
     def __len__(self) -> int:
@@ -47,12 +55,14 @@ class Window:
     @property
     def full(self) -> bool:
         """Whether the next chunk has to wait."""
-        return len(self._sent) >= self.limit
+        return len(self._sent) >= self.limit or self._bytes >= LIMIT_BYTES
 
     def sent(self, key: Key, messages: Iterable[bytes], now: float) -> None:
         """Note that a chunk has been published at `now` (seconds)."""
         self._quiet_since.setdefault(key[0], now)
-        self._sent[key] = _Sent(tuple(messages))
+        before = self._sent.get(key)  # of an older attempt
+        self._sent[key] = entry = _Sent(tuple(messages))
+        self._bytes += entry.size - (before.size if before else 0)
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
         """Note an answer; return whether it closed a chunk."""
@@ -64,6 +74,7 @@ class Window:
         self._quiet_since[key[0]] = now
         if entry.receipted and entry.judged:
             del self._sent[key]
+            self._bytes -= entry.size
             if not any(block == key[0] for block, _ in self._sent):
                 del self._quiet_since[key[0]]
             return True
@@ -73,6 +84,7 @@ class Window:
         """Forget the chunks of `blocks`, or all: nobody will answer for them."""
         gone = None if blocks is None else set(blocks)
         self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
+        self._bytes = sum(entry.size for entry in self._sent.values())
         self._quiet_since = {key[0]: self._quiet_since[key[0]] for key in self._sent}
 
     def overdue(self, now: float) -> list[tuple[bytes, ...]]:

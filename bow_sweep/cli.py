@@ -19,7 +19,7 @@ from bow_sim.taps import embed_files
 from . import commands_compare, commands_paper, commands_sweep
 from .commands_sweep import DONE, FAILED, INTERRUPTED, SET_HELP, fail
 from .display import percentages
-from .plan import X_AXIS, Y_AXIS, Sweep
+from .plan import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 
 NODES = ("coordinator", "simulator", "classifier", "recorder", "dashboard")
 
@@ -160,7 +160,10 @@ def _settings(_: argparse.Namespace) -> int:
         for name, value in vars(defaults).items():
             print(f"{axis}.{name} = {value}")
     print("    the axes of the map: a parameter's name, log or linear, first and last value, how many")
-    print(f"block_cells = {Sweep.block_cells}\n    cells that one simulator runs together")
+    print(
+        f"block_cells\n    cells that one simulator runs together; unless set, {LEAST_BLOCK} ... {MOST_BLOCK}: a "
+        f"{BLOCKS}th of the plane,\n    a {ADAPTIVE_BLOCKS}th of an adaptive sweep's"
+    )
     print(
         f"adaptive = {Sweep.adaptive:g}\n    share of the cells to simulate at most; below 1 the others are predicted"
     )

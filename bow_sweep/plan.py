@@ -23,7 +23,7 @@ import yaml
 from bow_classifier.thresholds import Thresholds
 from bow_sim.blocks import Blocks
 from bow_sim.identity import source_hash
-from bow_sim.limits import MAX_BLOCK_CELLS, MAX_CELLS, check_size
+from bow_sim.limits import MAX_CELLS, check_size
 from bow_sim.model import SWEEPABLE, TYPES, ParameterError, Parameters, parse_settings
 from bow_sim.spec import axis_values, split
 
@@ -89,17 +89,35 @@ Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
 """The plane of the paper's Figs 10 and 11 (Appendix)."""
 
 
+BLOCKS, ADAPTIVE_BLOCKS = 16, 64
+"""Of a sweep at least, where its blocks are not set: enough for a pool, and for the rounds of an adaptive sweep."""
+
+LEAST_BLOCK, MOST_BLOCK = 32, 512
+"""Cells of a block that is not set. A message costs much the same whatever is in it, so blocks should be large."""
+
+MESSAGE_VALUES = 400_000
+"""Cells times samples of a chunk at most where blocks are not set: 1.6 MB."""
+
+
+def default_block_cells(cells: int, adaptive: float, chunk_samples: int) -> int:
+    """Return how many cells a block has where nobody says: a multiple of eight, the lanes of the kernel."""
+    wanted = -(-cells // (ADAPTIVE_BLOCKS if adaptive < 1 else BLOCKS))
+    most = min(MOST_BLOCK, MESSAGE_VALUES // chunk_samples)
+    return max(8, min(max(wanted, LEAST_BLOCK), most) // 8 * 8)
+
+
 @dataclass(frozen=True)
 class Sweep:
     """A resolved sweep. Build it with :meth:`from_spec`; what cannot be computed is refused there.
 
-    `adaptive` is the share of the cells to simulate at most; 1 = all of them, planned at once.
+    `adaptive` is the share of the cells to simulate at most; 1 = all of them, planned at once. `block_cells` is
+    :func:`default_block_cells` unless set.
     """
 
     parameters: Parameters
     x: Axis = X_AXIS
     y: Axis = Y_AXIS
-    block_cells: int = 256
+    block_cells: int = MOST_BLOCK
     thresholds: Thresholds = field(default_factory=Thresholds)
     preset: str = ""
     adaptive: float = 1.0
@@ -115,9 +133,6 @@ class Sweep:
         """
         given = parse_settings(settings)
         spec = split({**(_flatten(load_preset(preset)) if preset else {}), **given})
-        block_cells = cls.block_cells if spec.block_cells is None else _integer("block_cells", spec.block_cells)
-        if not 1 <= block_cells <= MAX_BLOCK_CELLS:
-            raise ParameterError(f"block_cells = {block_cells}: should be 1 ... {MAX_BLOCK_CELLS}")
         x, y = _axis("x", X_AXIS, spec.x), _axis("y", Y_AXIS, spec.y)
         if x.name == y.name:
             raise ParameterError(f"y.name = {y.name!r}: both axes are this parameter; they should differ")
@@ -135,8 +150,12 @@ class Sweep:
                 parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
             except ParameterError as error:
                 raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
-        check_size(x.count, y.count, block_cells, parameters)
         adaptive = cls.adaptive if spec.adaptive is None else spec.share("adaptive")
+        if spec.block_cells is None:
+            block_cells = default_block_cells(x.count * y.count, adaptive, parameters.chunk_samples)
+        else:
+            block_cells = _integer("block_cells", spec.block_cells)
+        check_size(x.count, y.count, block_cells, parameters)
         return cls(parameters, x, y, block_cells, thresholds, preset, adaptive)
 
     def settings(self) -> tuple[str, ...]:

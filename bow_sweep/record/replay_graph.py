@@ -24,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.task import Task
 from bow_sim import wire
-from bow_sim.credit import LIMIT
+from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
 from bow_sim.ros import HEARD, LATCHED, STREAM, has_met, publish_surely, use_local_defaults
 from bow_sweep.supervisor import GraphError, Supervisor, tail
@@ -148,11 +148,12 @@ class _Graph:
         left = np.zeros(self.task.blocks, int)
         for block, _ in chunks_in_order(self.survey, self.task):
             left[block] += 1
-        waiting: set[Key] = set()
+        waiting: dict[Key, int] = {}  # with their bytes
         while True:
-            while len(waiting) < LIMIT and (key := next(todo, None)) is not None:
-                self._send(key)
-                waiting.add(key)
+            while (
+                len(waiting) < LIMIT and sum(waiting.values()) < LIMIT_BYTES and (key := next(todo, None)) is not None
+            ):
+                waiting[key] = self._send(key)
             if not waiting:
                 return
             deadline = time.monotonic() + PATIENCE_S
@@ -163,17 +164,21 @@ class _Graph:
                 key = (values["block"], values["chunk"])
                 if key not in waiting:
                     continue
-                waiting.remove(key)
+                del waiting[key]
                 yield key, values
                 left[key[0]] -= 1
                 if not left[key[0]]:  # as a live coordinator does: the classifier then forgets the block
                     self.states[key[0]] = DONE
                     self.say_plan()
 
-    def _send(self, key: Key) -> None:
+    def _send(self, key: Key) -> int:
+        """Publish a chunk's messages; return their bytes."""
+        size = 0
         for topic, publisher in self.streams.items():
-            place = self.survey.places[topic][key]
-            publish_surely(self.nodes[0], publisher, self.chunks.read(place), lambda: False)
+            message = self.chunks.read(self.survey.places[topic][key])
+            publish_surely(self.nodes[0], publisher, message, lambda: False)
+            size += len(message)
+        return size
 
     def close(self) -> None:
         """Stop the classifier and leave the graph."""

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bow_sim.credit import RESEND_S, Window
+from bow_sim.credit import LIMIT_BYTES, RESEND_S, Window
 
 
 def test_a_chunk_frees_its_place_only_when_recorded_and_judged() -> None:
@@ -13,6 +13,22 @@ def test_a_chunk_frees_its_place_only_when_recorded_and_judged() -> None:
     assert not window.answered((0, 0), 0, receipted=True)
     assert window.full
     assert window.answered((0, 0), 0, judged=True)
+    assert not window.full
+
+
+def test_bytes_under_way_are_limited_too() -> None:
+    window = Window(limit=100)
+    large = bytes(LIMIT_BYTES // 2)
+    window.sent((0, 0), [large, b"x"], 0)
+    window.sent((0, 0), [large, b"x"], 0)  # another attempt takes the place of the one before
+    assert not window.full
+    window.sent((0, 1), [large], 0)
+    assert window.full
+    window.answered((0, 0), 0, receipted=True, judged=True)
+    assert not window.full
+    window.sent((1, 0), [large, large], 0)
+    assert window.full
+    window.drop([1])
     assert not window.full
 
 

@@ -16,7 +16,7 @@ def test_the_presets_are_those_of_the_paper() -> None:
 @pytest.mark.parametrize("preset", [name for name in presets() if name.startswith("fig")])
 def test_a_preset_is_the_papers_plane_and_survives_its_written_form(preset: str) -> None:
     sweep = Sweep.from_spec(preset)
-    assert (sweep.x.count, sweep.y.count, sweep.cells, sweep.blocks) == (128, 64, 8192, 64)
+    assert (sweep.x.count, sweep.y.count, sweep.cells, sweep.blocks) == (128, 64, 8192, 16)
     force, ratio = sweep.x.values(), sweep.y.values()
     assert (force[0], force[-1], ratio[0], ratio[-1]) == (0.5, 20.0, 0.0, 2.0)
     np.testing.assert_allclose(np.diff(np.log(force)), np.log(40) / 127)
