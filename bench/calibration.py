@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.page import put
-from bow_classifier.thresholds import is_helmholtz
+from bow_classifier.regimes import is_helmholtz
 from bow_sim.model import Parameters
 from bow_sim.page import MUTED, style
 from bow_sim.reflection import gaussian

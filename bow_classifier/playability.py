@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.model import CHUNK_PERIODS
 
+from .regimes import REGIMES
 from .terrain import TERRAINS, UNKNOWN, Texture, terrain
-from .thresholds import REGIMES
 
 SMALLEST = 8
 """Fewest cells a side of a grid that an uncertainty is taken from: narrower ones have no texture."""

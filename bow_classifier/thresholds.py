@@ -1,4 +1,4 @@
-"""The thresholds that decide a verdict, and with them the names of the regimes.
+"""The thresholds that decide a verdict.
 
 Apart from :mod:`bow_classifier.regime`, which applies them, so that a plan can be made without a compiler.
 """
@@ -17,39 +17,7 @@ from typing import Any
 
 from bow_sim.model import ParameterError, Range
 
-from .regimes import (
-    ANOMALOUS_LOW_FREQUENCY,
-    APERIODIC,
-    HELMHOLTZ,
-    HELMHOLTZ_EXTRA_SLIPS,
-    MULTIPLE_FLYBACK,
-    MULTIPLE_SLIP,
-    NO_OSCILLATION,
-    OTHER_PERIODIC,
-    RAMAN_HIGHER,
-    REGIMES,
-    SUBHARMONIC,
-    is_helmholtz,
-)
 from .sources import source_hash
-
-__all__ = [
-    "REGIMES",
-    "NO_OSCILLATION",
-    "HELMHOLTZ",
-    "MULTIPLE_SLIP",
-    "MULTIPLE_FLYBACK",
-    "OTHER_PERIODIC",
-    "APERIODIC",
-    "HELMHOLTZ_EXTRA_SLIPS",
-    "RAMAN_HIGHER",
-    "ANOMALOUS_LOW_FREQUENCY",
-    "SUBHARMONIC",
-    "is_helmholtz",
-    "Thresholds",
-    "DEFAULT_PRESET",
-    "THRESHOLD_PRESETS",
-]
 
 
 def _threshold(default: float, low: float, high: float, unit: str, reason: str) -> Any:

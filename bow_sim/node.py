@@ -28,7 +28,7 @@ from .identity import fingerprint, random_id
 from .kernel import Block, ChunkResult
 from .limits import check_block
 from .model import ParameterError
-from .ros import HEARD, INSPECT, STREAM, BowNode, live, publish_surely
+from .ros import HEARD, INSPECT, STREAM, BowNode, live, publish_surely, publishes
 from .spec import split
 
 HELP = """
@@ -108,7 +108,7 @@ class SimulatorNode(BowNode):
     # ---- who listens
 
     def _listeners(self) -> dict[str, set[bytes]]:
-        """Return, by role, the endpoints that listen to both streams and answer on both topics; empty where not."""
+        """Return, by role, the endpoints that listen to both streams; none of a recorder that gives no receipts yet."""
         topics = [self.resolve_topic_name(name) for name in ("bridge_force", "stick_slip")]
         found: dict[str, list[set[bytes]]] = {role: [] for role in CONSUMERS}
         for topic, publisher in zip(topics, (self._force, self._slips), strict=True):
@@ -116,11 +116,8 @@ class SimulatorNode(BowNode):
             matched = publisher.get_subscription_count() >= len(infos)
             for role in CONSUMERS:
                 found[role].append({bytes(i.endpoint_gid) for i in infos if matched and i.node_name == role})
-        answers = {"recorder": "receipts", "classifier": "verdicts"}
-        for role, topic in answers.items():
-            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-            if not any(i.node_name == role and i.node_namespace == self.get_namespace() for i in infos):
-                found[role] = [set()]
+        if not publishes(self, "recorder", "receipts"):
+            found["recorder"] = [set()]
         return {role: set().union(*sets) if all(sets) else set() for role, sets in found.items()}
 
     def _look(self) -> None:

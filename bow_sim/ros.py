@@ -136,6 +136,12 @@ def has_met(node: Node, publisher: Publisher, names: Iterable[str]) -> bool:
     return set(names) <= ours and publisher.get_subscription_count() >= len(listeners)
 
 
+def publishes(node: Node, name: str, topic: str) -> bool:
+    """Return whether a node of this name, in the node's own namespace, publishes on a topic."""
+    infos = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    return any(info.node_name == name and info.node_namespace == node.get_namespace() for info in infos)
+
+
 def keep_memory() -> None:
     """Let the C library keep what is freed: messages of 356 kB otherwise give back and fault in their pages each time.
 
@@ -148,9 +154,12 @@ def keep_memory() -> None:
         mallopt(mmap_threshold, kept)
 
 
-def use_local_defaults() -> None:
-    """Keep the graph on this machine and large messages in shared memory, unless the user's environment says else."""
-    reach.apply_defaults()
+def leave() -> None:
+    """Let go of DDS: call it after the last node is destroyed, when nothing refers to node and executor any more.
+
+    A process that ends before that may die with a lock of its shared memory in its hands, for which others then wait.
+    """
+    gc.collect()
 
 
 def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, description: str = "") -> int:
@@ -162,7 +171,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
     if {"-h", "--help"} & set(remove_ros_args(arguments)[1:]):
         print(description.strip())
         return 0
-    use_local_defaults()
+    reach.apply_defaults()
     keep_memory()
     node: BowNode | None = None
     status = 0
@@ -196,4 +205,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        node = None
+        del executor
+        leave()
     return status

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Image
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.regimes import REGIMES
 from bow_sim.identity import fingerprint
 
 from .basin import Basin

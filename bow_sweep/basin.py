@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.thresholds import REGIMES, is_helmholtz
+from bow_classifier.regimes import REGIMES, is_helmholtz
 from bow_sim.model import CHUNK_PERIODS
 
 PENDING = 255

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from sensor_msgs.msg import Image
 from bow_sim import wire
 from bow_sim.identity import fingerprint, random_id
 from bow_sim.model import ParameterError
-from bow_sim.ros import HEARD, LATCHED, STREAM, BowNode, StartupError, live
+from bow_sim.ros import HEARD, LATCHED, STREAM, BowNode, StartupError, live, publishes
 
 from . import announce
 from .basin import Basin
@@ -157,6 +158,8 @@ class CoordinatorNode(BowNode):
         self._run = None
         self.finished = self._once
         self.become(Health.READY, f"finished run {run.run_id}: {message}", "")
+        if not self.finished:
+            gc.collect()  # a figure is a knot of its parts, 10 MB of it
 
     def close(self) -> None:
         """Leave the ledger as it is: the run can be resumed."""
@@ -342,28 +345,20 @@ class CoordinatorNode(BowNode):
             self._publish_progress()
 
     def _finish_when_closed(self) -> None:
+        """Finish once a recorder has closed the bag and no dashboard is still at work, or they take too long."""
         run = self._run
-        if self._closing and run is not None:
-            late = time.monotonic() - self._closed_at > CLOSE_S
-            if late or self._all_closed(run.run_id):
-                self._finish()
-
-    def _all_closed(self, run_id: str) -> bool:
-        """Whether a recorder has closed the bag, and no dashboard is still at work."""
-        gone = (Health.CLOSED, Health.FAILED, Health.DEAD)
-        late = time.monotonic() - self._closed_at > IDLE_S
-        nodes = [node for node in self._nodes.values() if node.run_id == run_id or (not node.run_id and not late)]
+        if not self._closing or run is None:
+            return
+        gone, waited = (Health.CLOSED, Health.FAILED, Health.DEAD), time.monotonic() - self._closed_at
+        late = waited > IDLE_S
+        nodes = [node for node in self._nodes.values() if node.run_id == run.run_id or (not node.run_id and not late)]
         recorded = any(node.role == "recorder" and node.state in (Health.CLOSED, Health.FAILED) for node in nodes)
         drawn = [node.state in gone for node in nodes if node.role == "dashboard"]
-        return recorded and all(drawn) and (bool(drawn) or late or not self._shown)
+        if (recorded and all(drawn) and (drawn or late or not self._shown)) or waited > CLOSE_S:
+            self._finish()
 
     def _answers_reach_us(self) -> bool:
-        here = self.get_namespace()
-        for topic, role in (("receipts", "recorder"), ("verdicts", "classifier")):
-            infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-            if not any(info.node_name == role and info.node_namespace == here for info in infos):
-                return False
-        return True
+        return publishes(self, "recorder", "receipts") and publishes(self, "classifier", "verdicts")
 
     # ---- what goes out
 

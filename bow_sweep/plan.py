@@ -92,7 +92,7 @@ Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
 BLOCKS, ADAPTIVE_BLOCKS = 16, 64
 """Of a sweep at least, where its blocks are not set: enough for a pool, and for the rounds of an adaptive sweep."""
 
-LEAST_BLOCK, MOST_BLOCK = 32, 512
+LEAST_BLOCK, MOST_BLOCK = 64, 512
 """Cells of a block that is not set. A message costs much the same whatever is in it, so blocks should be large."""
 
 MESSAGE_VALUES = 400_000

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.regimes import REGIMES
 from bow_sim.blocks import Blocks
 from bow_sim.files import replacing
 from bow_sim.identity import fingerprint

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import time
 
 import numpy as np
@@ -12,9 +13,10 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.regimes import REGIMES
 from bow_sim import wire
-from bow_sim.ros import HEARD, LATCHED, BowNode, use_local_defaults
+from bow_sim.reach import apply_defaults
+from bow_sim.ros import HEARD, LATCHED, BowNode, leave
 
 from .display import Display, Progress
 from .supervisor import Death, GraphError, Supervisor, tail
@@ -30,8 +32,7 @@ class SupervisorNode(BowNode):
         self.details: dict[str, str] = {}
         self.news: dict[str, bool] = {}  # for people; True = not yet said
         self.worked: set[int] = set()  # processes that were ready once
-        self.over: set[str] = set()  # roles that have nothing more to do
-        self._closed = False
+        self.closed = False  # the plan is: nothing more will be simulated
         self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
         self.create_subscription(Health, "health", self._on_health, HEARD)
@@ -54,12 +55,9 @@ class SupervisorNode(BowNode):
     def _on_plan(self, data: bytes) -> None:
         with contextlib.suppress(wire.WireError):
             if wire.decode("Plan", data)["state"] == Plan.CLOSED:
-                self._closed = True
-                self.over |= {"simulator", "classifier"}
+                self.closed = True
 
     def _on_health(self, message: Health) -> None:
-        if self._closed and message.state == Health.CLOSED and message.role in ("recorder", "dashboard"):
-            self.over.add(message.role)
         self.details[message.role] = message.detail
         if message.state in (Health.READY, Health.BUSY) and message.host == self.health.host:
             self.worked.add(message.pid)
@@ -93,7 +91,16 @@ def watch(supervisor: Supervisor, display: Display) -> None:
     GraphError
         Where the graph cannot go on.
     """
-    use_local_defaults()
+    apply_defaults()
+    gc.freeze()  # what is loaded stays: what comes now is to go, to the last reference
+    try:
+        _live(supervisor, display)
+    finally:
+        leave()
+
+
+def _live(supervisor: Supervisor, display: Display) -> None:
+    """Be a node of the graph while it is watched."""
     words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
@@ -122,9 +129,8 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             node.bury(death)
             death.child.worked = death.child.process.pid in node.worked
             supervisor.revive(death)
-        if node.over:
-            supervisor.release(tuple(node.over))
-            node.over.clear()
+        if node.closed:  # recorder and dashboard have last words: what nobody has read goes with its sender
+            supervisor.release(("simulator", "classifier"))
         if node.failed:
             raise GraphError(node.failed)
         for line in [text for text, new in node.news.items() if new]:

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from bow_classifier.regimes import REGIMES, is_helmholtz
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
-from bow_classifier.thresholds import REGIMES, Thresholds, is_helmholtz
+from bow_classifier.thresholds import Thresholds
 from bow_sim import wire
 from bow_sim.files import replacing
 from bow_sim.model import ParameterError, parse_settings

@@ -26,7 +26,8 @@ from bow_classifier.task import Task
 from bow_sim import wire
 from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
-from bow_sim.ros import HEARD, LATCHED, STREAM, has_met, publish_surely, use_local_defaults
+from bow_sim.reach import apply_defaults
+from bow_sim.ros import HEARD, LATCHED, STREAM, has_met, publish_surely
 from bow_sweep.supervisor import GraphError, Supervisor, tail
 
 from .expected import DONE
@@ -50,7 +51,7 @@ def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, 
     BagError
         Where a stored message cannot be read again.
     """
-    use_local_defaults()
+    apply_defaults()
     with tempfile.TemporaryDirectory(prefix="bow-replay-") as logs, Chunks() as chunks:
         graph = _Graph(survey, task, chunks, Path(logs))
         try:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.thresholds import is_helmholtz
+from bow_classifier.regimes import is_helmholtz
 from bow_sim.files import read_arrays
 from bow_sim.model import CHUNK_PERIODS, ParameterError
 from bow_sim.wire import RECEIPT_STREAMS, RECEIPT_VERDICTS

@@ -110,7 +110,7 @@ class MapFile(Plane):
         not_computed
             (ny * nx,) bool: cells that are not done (quarantined or outstanding), whatever is known of them.
         """
-        from bow_classifier.thresholds import REGIMES, is_helmholtz
+        from bow_classifier.regimes import REGIMES, is_helmholtz
 
         shape = (basin.ny, basin.nx)
         regimes = basin.layers["regime"]

@@ -79,6 +79,14 @@ def test_processes_are_found_and_named_whoever_started_them() -> None:
 
 
 @pytest.mark.usefixtures("ros_domain")
+def test_a_map_through_a_standing_graph_is_measured_process_by_process(tmp_path: Path) -> None:
+    one = graph.standing(["x.count=4", "y.count=2", "periods=20"], 1, 1, tmp_path)
+    assert one["processes"].keys() == {"coordinator", "recorder", "classifier", "dashboard", "simulator_1"}
+    assert 0 < one["blocks_s"] < one["wall_s"]
+    assert not list((tmp_path / "runs").iterdir())
+
+
+@pytest.mark.usefixtures("ros_domain")
 def test_a_sweep_is_measured_stage_by_stage_and_process_by_process(tmp_path: Path) -> None:
     one = graph.graph(4, 2, 1, tmp_path / "run", ["--periods", "20"])
     stages = list(one["stages_s"].values())
@@ -114,7 +122,8 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
                     "wall_s": 1.0, "plan_to_last_block_s": 1.0, "cells_per_s": 8.0, "cpu_s": 1.0, "stages_s": stages,
                     "peak_rss_mb": 1.0, "peak_pss_mb": 1.0, "processes": {"recorder": used},
                 },
-                "over_bare": {"blocks": 1.0, "cpu": 1.0},
+                "standing": {"wall_s": 1.0, "blocks_s": 1.0, "cpu_s": 4.0, "processes": {"recorder": 4.0}},
+                "over_bare": {"blocks": 1.0, "cpu": 1.0, "standing_blocks": 3.5},
             },
         ],
         "memory": {"failed": "no answer"},
@@ -126,7 +135,14 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
     page = tmp_path / "benchmarks.md"
     report.write_page(result, page)
     text = page.read_text()
-    for words in ("22.0 ns: 5.5 times", "libstk-dev is not here", "no room", "| recorder | CPU 1.00 s |", "FAILED"):
+    for words in (
+        "22.0 ns: 5.5 times",
+        "libstk-dev is not here",
+        "no room",
+        "| recorder | CPU 1.00 s |",
+        "3.00 s beyond the bare",
+        "FAILED",
+    ):
         assert words in text
     assert result["machine"]["cpu"] in text
     assert result["machine"]["cpu"].split()[0] in shown.getvalue()

@@ -26,8 +26,9 @@ from reference import slips as slow_slips
 
 from bow_classifier.judge import BlockJudge, Geometry
 from bow_classifier.regime import history
+from bow_classifier.regimes import REGIMES
 from bow_classifier.slips import Intervals
-from bow_classifier.thresholds import REGIMES, THRESHOLD_PRESETS, Thresholds
+from bow_classifier.thresholds import THRESHOLD_PRESETS, Thresholds
 from bow_sim.kernel import Block
 from bow_sim.model import Parameters
 

@@ -10,8 +10,8 @@ from skimage.measure import label
 from terrains import example
 
 from bow_classifier.playability import MEASURES, SMALLEST, boundary, largest_area, measure, playability, quartiles
+from bow_classifier.regimes import REGIMES
 from bow_classifier.terrain import TERRAINS, terrain
-from bow_classifier.thresholds import REGIMES
 
 NAMES = [entry.name for entry in MEASURES]
 

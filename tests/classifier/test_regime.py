@@ -8,8 +8,8 @@ import pytest
 
 from bow_classifier import thresholds
 from bow_classifier.regime import Evidence, decide, history
-from bow_classifier.regimes import DEFINITIONS, count
-from bow_classifier.thresholds import REGIMES, THRESHOLD_PRESETS, Thresholds, is_helmholtz
+from bow_classifier.regimes import DEFINITIONS, REGIMES, count, is_helmholtz
+from bow_classifier.thresholds import THRESHOLD_PRESETS, Thresholds
 from bow_sim.model import ParameterError
 
 

@@ -18,9 +18,10 @@ from kinematics import (
 
 from bow_classifier import stream
 from bow_classifier.judge import BlockJudge
+from bow_classifier.regimes import REGIMES
 from bow_classifier.stream import FORCE, SLIP, Classifier
 from bow_classifier.task import Task
-from bow_classifier.thresholds import REGIMES, Thresholds
+from bow_classifier.thresholds import Thresholds
 from bow_sim import wire
 
 RUN, SWEEP = "0123456789abcdef", "fedcba9876543210"

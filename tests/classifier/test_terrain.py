@@ -10,6 +10,7 @@ import pytest
 from skimage.feature import structure_tensor
 from terrains import KINDS, Look, example, texture
 
+from bow_classifier.regimes import REGIMES
 from bow_classifier.streaks import alignment, contour_directions, streaks
 from bow_classifier.terrain import (
     BLACK,
@@ -23,7 +24,7 @@ from bow_classifier.terrain import (
     features,
     terrain,
 )
-from bow_classifier.thresholds import REGIMES, Thresholds
+from bow_classifier.thresholds import Thresholds
 from bow_sim.identity import fingerprint
 from bow_sweep import claims_terrain
 from bow_sweep.basin import Basin

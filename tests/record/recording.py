@@ -22,6 +22,7 @@ from bow_classifier.task import Task
 from bow_sim import wire
 from bow_sim.blocks import Blocks
 from bow_sim.kernel import Block
+from bow_sim.reach import apply_defaults
 from bow_sweep.plan import Sweep
 from bow_sweep.record.expected import CLOSED, DONE, OPEN
 from bow_sweep.record.session import Session
@@ -229,9 +230,9 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip, Verdicts
     from rclpy.executors import SingleThreadedExecutor
 
-    from bow_sim.ros import LATCHED, STREAM, use_local_defaults
+    from bow_sim.ros import LATCHED, STREAM
 
-    use_local_defaults()
+    apply_defaults()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node("coordinator", namespace=NAMESPACE, context=context)

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from bow_classifier.playability import MEASURES, playability
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.regimes import REGIMES
 from bow_sweep import cli
 from bow_sweep.basin import Basin
 from bow_sweep.compare import compare, difference, names, notes, sure

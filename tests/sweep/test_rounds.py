@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.regimes import REGIMES
 from bow_sweep.adaptive import fill, first_round
 from bow_sweep.basin import PENDING, Basin
 from bow_sweep.inprocess import compute

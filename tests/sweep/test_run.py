@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bow_classifier.thresholds import HELMHOLTZ, REGIMES
+from bow_classifier.regimes import HELMHOLTZ, REGIMES
 from bow_sim.files import replacing
 from bow_sweep.basin import Basin
 from bow_sweep.ledger import State

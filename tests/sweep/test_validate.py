@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from bow_classifier.thresholds import REGIMES
+from bow_classifier.regimes import REGIMES
 from bow_sim import page
 from bow_sim.figures_linear import models
 from bow_sim.figures_motion import motion

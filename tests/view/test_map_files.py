@@ -81,7 +81,7 @@ def test_an_npz_of_something_else_is_refused_by_the_missing_array(tmp_path):
 
 
 def test_the_coordinators_verdicts_become_a_map():
-    from bow_classifier.thresholds import REGIMES as NAMES
+    from bow_classifier.regimes import REGIMES as NAMES
     from bow_sweep.basin import Basin
     from bow_sweep.plan import Sweep
     from bow_sweep.view.maps import MapFile
@@ -156,7 +156,7 @@ def test_a_map_from_before_there_was_a_history_is_read_without(tmp_path):
 
 
 def test_helmholtz_motion_with_extra_slips_has_a_transient_length_like_any():
-    from bow_classifier.thresholds import REGIMES as NAMES
+    from bow_classifier.regimes import REGIMES as NAMES
     from bow_sweep.basin import Basin
 
     basin = Basin(2, 1, 2)
