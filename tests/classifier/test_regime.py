@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from bow_classifier import thresholds
+from bow_classifier import regimes, thresholds
 from bow_classifier.regime import Evidence, decide, history
 from bow_classifier.regimes import DEFINITIONS, REGIMES, count, is_helmholtz
 from bow_classifier.thresholds import THRESHOLD_PRESETS, Thresholds
@@ -20,7 +20,7 @@ def test_codes_of_regimes_are_in_bags_and_never_change():
     )  # fmt: skip
     assert REGIMES[: len(codes)] == codes
     for name in REGIMES:
-        assert REGIMES[getattr(thresholds, name.upper())] == name
+        assert REGIMES[getattr(regimes, name.upper())] == name
 
 
 def test_every_regime_is_defined_once_and_its_source_is_given():

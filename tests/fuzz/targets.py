@@ -188,7 +188,7 @@ class Targets:
         goal.cells = odd_array(chance, count, np.uint32)
         goal.x, goal.y = odd_array(chance, count, np.float64), odd_array(chance, count, np.float64)
         node = SimpleNamespace(health=SimpleNamespace(state=1, detail=""), _run=("run", "s"), _epoch=1, _held=0)
-        node._fingerprint = "f"
+        node._fingerprint, node._prepared = "f", {}
         node._prepare = functools.partial(SimulatorNode._prepare, node)
         assert isinstance(SimulatorNode._objection(node, goal), str)  # type: ignore[arg-type]
 
