@@ -5,9 +5,9 @@ from __future__ import annotations
 import mmap
 import re
 import struct
-import zlib
 from typing import NamedTuple
 
+from isal.isal_zlib import crc32
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk
@@ -81,7 +81,7 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, memoryview, list[tuple[int, int,
             payload = memoryview(stream.read(unpacked))
         except Exception as error:  # zstd and lz4 raise their own
             raise ValueError(f"a chunk that cannot be unpacked: {error}") from None
-    actual = zlib.crc32(payload)
+    actual = crc32(payload)
     if actual != crc and (crc or not compression):
         raise ValueError(f"the chunk has CRC {actual:08x}, should have {crc:08x}")
     inner, position = [], 0

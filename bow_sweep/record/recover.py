@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import fcntl
 import os
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from isal.isal_zlib import crc32
 from mcap.records import Header
 
 from .bag import FOLDER, METADATA, BagError, BagMessage, bag_files, bag_of, label, write_metadata
@@ -58,7 +58,7 @@ def repair_file(scan: Scan) -> None:
         start = b"" if scan.good_end >= len(MAGIC) else MAGIC[scan.good_end :]
         if not scan.library:
             start += pack(Header("ros2", LIBRARY))
-        data_crc = zlib.crc32(start, scan.data_crc)
+        data_crc = crc32(start, scan.data_crc)
         start += scan.missing_index
         write_all(descriptor, [start, scan.contents.ending(scan.good_end + len(start), data_crc)])
         os.fsync(descriptor)

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
 from collections.abc import Generator, Iterator
 from io import BytesIO
 from pathlib import Path
 
+from isal.isal_zlib import crc32
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, Header, MessageIndex, Schema, Statistics
 
-from .crc import combine
 from .mcapfile import FOOTER_SIZE, LIBRARY, MAGIC, MESSAGE_HEAD, Contents, index_of
 from .records import PARSE_ERRORS, Damage, Message, find_chunk, unpack_chunk, unpack_message
 
@@ -120,7 +119,7 @@ class Scan:
 
     def _accept(self, end: int, data: bytes) -> None:
         self.good_end = end
-        self.data_crc = zlib.crc32(data, self.data_crc)
+        self.data_crc = crc32(data, self.data_crc)
 
     def _record(self, opcode: int, data: bytes) -> None:
         stream = ReadDataStream(BytesIO(data[9:]))
@@ -163,10 +162,7 @@ class Scan:
             entries.setdefault(message.channel, []).append((message.log_time, start))
             found.append(message)
         self._note(at, len(record), chunk, entries)
-        if chunk.compression:
-            self.data_crc = zlib.crc32(record, self.data_crc)
-        else:
-            self.data_crc = combine(zlib.crc32(record[:head], self.data_crc), zlib.crc32(payload), len(payload))
+        self.data_crc = crc32(record, self.data_crc)
         self.good_end = at + len(record)
         after = self._index(self.good_end, entries)
         yield from found
@@ -216,7 +212,7 @@ class Scan:
         right, _ = index_of(entries, start)
         if start + len(right) > self.size and found.items() <= expected.items():
             self.missing_index = right
-            self.data_crc = zlib.crc32(right, self.data_crc)
+            self.data_crc = crc32(right, self.data_crc)
             return self.size
         self.damage.append(Damage(start, start + len(right), "the message index is not that of the chunk before it"))
         self._accept(start + len(right), right)
@@ -257,7 +253,7 @@ class Scan:
         footer_at = len(data) - FOOTER_SIZE - len(MAGIC)
         footer = Footer.read(ReadDataStream(BytesIO(data[footer_at + 9 :])))
         position = footer.summary_start - at if footer.summary_start else footer_at
-        crc = zlib.crc32(data[max(position, 0) : footer_at + 25])
+        crc = crc32(data[max(position, 0) : footer_at + 25])
         if position < 13 or (footer.summary_crc and crc != footer.summary_crc):
             what = f"the summary has CRC {crc:08x}, the footer says {footer.summary_crc:08x}"
             self.damage.append(Damage(at, self.size, what))

@@ -25,7 +25,7 @@ from .topics import STORED_ONCE, TOPICS, Topic
 COMMIT_BYTES = 4 << 20
 """Bytes after which a chunk of the file is written."""
 
-COMMIT_S = 0.05
+COMMIT_S = 0.02
 """Seconds after which what has come is written, however little it is."""
 
 
