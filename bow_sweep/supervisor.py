@@ -67,6 +67,12 @@ class Child:
     locks: set[Path] = field(default_factory=set)  # of its shared memory, see .leftovers
     worked: bool = False  # it was ready once
 
+    def ask_to_end(self) -> None:
+        """Ask politely; it hears it even where it was stopped."""
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(signal.SIGCONT)
+            self.process.send_signal(signal.SIGINT)
+
 
 @dataclass(frozen=True)
 class Death:
@@ -192,8 +198,7 @@ class Supervisor:
         self.children = [child for child in self.children if child not in going]
         self._leaving += going
         for child in going:
-            with contextlib.suppress(ProcessLookupError):
-                child.process.send_signal(signal.SIGINT)
+            child.ask_to_end()
 
     def stop(self, idle: bool) -> list[Child]:
         """Stop every process, politely first; return those that had to be killed.
@@ -204,9 +209,7 @@ class Supervisor:
         for roles in [STOP_ORDER] if idle else [[role] for role in STOP_ORDER]:
             group = [child for child in self.children if child.role in roles]
             for child in group:
-                with contextlib.suppress(ProcessLookupError):
-                    child.process.send_signal(signal.SIGCONT)
-                    child.process.send_signal(signal.SIGINT)
+                child.ask_to_end()
             deadline = time.monotonic() + STOP_S
             for child in [*group, *self._leaving]:
                 try:

@@ -54,8 +54,8 @@ class SupervisorNode(BowNode):
 
     def _on_plan(self, data: bytes) -> None:
         with contextlib.suppress(wire.WireError):
-            if wire.decode("Plan", data)["state"] == Plan.CLOSED:
-                self.closed = True
+            plan = wire.decode("Plan", data)
+            self.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
 
     def _on_health(self, message: Health) -> None:
         self.details[message.role] = message.detail

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bow_sim.model import ParameterError
-from bow_sweep.plan import Sweep, presets
+from bow_sweep.plan import MESSAGE_VALUES, Sweep, default_block_cells, presets
 
 
 def test_the_presets_are_those_of_the_paper() -> None:
@@ -37,6 +37,23 @@ def test_thresholds_are_not_part_of_the_sweeps_identity_and_physics_is() -> None
     assert Sweep.from_spec("fig11d", ["classifier.correlation=0.9"]).sweep_id == base.sweep_id
     assert Sweep.from_spec("fig11d", ["v_mid=0.21"]).sweep_id != base.sweep_id
     assert Sweep.from_spec("fig11d", ["dtype=float32"]).sweep_id != base.sweep_id
+
+
+@given(cells=st.integers(1, 1 << 22), adaptive=st.sampled_from([1.0, 0.5]), samples=st.integers(10, 100_000))
+def test_blocks_that_nobody_sets_are_lanes_of_the_kernel_and_messages_of_a_bearable_size(
+    cells: int, adaptive: float, samples: int
+) -> None:
+    block = default_block_cells(cells, adaptive, samples)
+    assert block % 8 == 0
+    assert 8 <= block <= 512
+    assert block * samples <= MESSAGE_VALUES or block == 8
+
+
+def test_the_paper_s_plane_has_sixteen_blocks_and_four_for_each_round_of_an_adaptive_sweep() -> None:
+    sizes = [
+        default_block_cells(cells, adaptive, 695) for cells, adaptive in ((8192, 1), (8192, 0.5), (2048, 1), (9, 1))
+    ]
+    assert sizes == [512, 128, 128, 64]
 
 
 @given(nx=st.integers(1, 40), ny=st.integers(1, 40), block_cells=st.integers(1, 200))
