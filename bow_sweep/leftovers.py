@@ -1,5 +1,7 @@
 """Shared memory that a killed process of ours leaves behind: 9 MB in /dev/shm each, until the next boot.
 
+Where the supervisor is killed too, a note beside its logs says what there was, and the next one of that run sees to it.
+
 Fast DDS keeps its messages in a segment ``fastrtps_<16 digits>`` and, as long as it lives, holds a lock on the file
 ``fastrtps_<16 digits>_el`` beside it. A segment is removed only if a child of ours had its lock file open while it
 lived, and nobody holds the lock any more.
@@ -28,6 +30,21 @@ def locks_of(pid: int) -> set[Path]:
                 if _LOCK.fullmatch(str(target)):
                     found.add(target)
     return found
+
+
+def note(path: Path, locks: Iterable[Path]) -> None:
+    """Add lock files to a note; where the disk does not take it, there is none."""
+    with contextlib.suppress(OSError), open(path, "a", encoding="utf-8") as file:
+        file.writelines(f"{lock}\n" for lock in sorted(locks))
+
+
+def noted(path: Path) -> set[Path]:
+    """Return the lock files that a note names; what is none is left out."""
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return set()
+    return {Path(line) for line in lines if _LOCK.fullmatch(line)}
 
 
 def remove(locks: Iterable[Path]) -> int:

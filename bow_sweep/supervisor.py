@@ -39,7 +39,7 @@ CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
 
-LOOK_S = 0.5
+LOOK_S = 0.2
 """Between two looks at what shared memory the processes have."""
 
 NAMED = 5
@@ -129,6 +129,10 @@ class Supervisor:
         self._deaths: dict[str, list[float]] = {}
         self._looked = 0.0
         logs.mkdir(parents=True, exist_ok=True)
+        self._noted: set[Path] = set()
+        self._note = logs / "shared_memory"
+        leftovers.remove(leftovers.noted(self._note))  # of a supervisor before us that was killed
+        self._note.unlink(missing_ok=True)
 
     def start(self, role: str) -> Child:
         """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
@@ -167,10 +171,17 @@ class Supervisor:
         for death in gone:
             leftovers.remove(death.child.locks)
         if time.monotonic() - self._looked > LOOK_S:
-            self._looked = time.monotonic()
-            for child in self.children:
-                child.locks |= leftovers.locks_of(child.process.pid)
+            self._look_at_shared_memory()
         return gone
+
+    def _look_at_shared_memory(self) -> None:
+        self._looked = time.monotonic()
+        for child in self.children:
+            child.locks |= leftovers.locks_of(child.process.pid)
+        known = leftovers.locks_of(os.getpid()).union(*(child.locks for child in self.children))
+        if known - self._noted:
+            leftovers.note(self._note, known - self._noted)
+            self._noted |= known
 
     def revive(self, death: Death) -> Child:
         """Start a process again.
@@ -221,6 +232,7 @@ class Supervisor:
         self.children += self._leaving
         self._leaving = []
         self.buried()
+        self._note.unlink(missing_ok=True)
         return stubborn
 
 

@@ -87,10 +87,14 @@ def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Pat
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--out", str(run)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
-        for process in [*sweep.children(), sweep.process]:
+        family = [*sweep.children(), sweep.process]
+        locks = set[Path]().union(*(locks_of(process.pid) for process in family))
+        for process in family:
             os.kill(process.pid, signal.SIGKILL)
         sweep.wait()
+    assert locks
     with sweeping(run, "--resume", str(run)) as sweep:
         assert sweep.wait() == 0, sweep.text
+    assert not [lock for lock in locks if lock.exists()]
     verified(run)
     assert_same_map(undisturbed, run)

@@ -11,6 +11,7 @@ import pytest
 from bow_msgs.msg import Plan
 
 from bow_sim import wire
+from bow_sweep import leftovers
 from bow_sweep.supervisor import Child, Supervisor
 from bow_sweep.watch import SupervisorNode
 
@@ -36,6 +37,17 @@ def test_only_the_plan_of_our_run_sends_simulators_home(data: bytes, closed: boo
     node = SimpleNamespace(closed=False, get_namespace=lambda: f"/bow/{RUN}")
     SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
     assert node.closed is closed
+
+
+def test_a_note_names_segments_and_nothing_else(tmp_path: Path) -> None:
+    lock = Path("/dev/shm/fastrtps_0123456789abcdef_el")
+    note = tmp_path / "note"
+    assert leftovers.noted(note) == set()
+    leftovers.note(note, [lock])
+    with open(note, "a") as file:
+        file.write("/etc/passwd\n/dev/shm/fastrtps_0123456789abcdef_el/../x\n\n\x00")
+    assert leftovers.noted(note) == {lock}
+    leftovers.note(tmp_path / "nowhere" / "note", [lock])
 
 
 def test_those_released_end_and_are_not_taken_for_dead(tmp_path: Path) -> None:
