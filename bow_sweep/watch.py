@@ -21,6 +21,12 @@ from bow_sim.ros import HEARD, LATCHED, BowNode, leave
 from .display import Display, Progress
 from .supervisor import Death, GraphError, Supervisor, tail
 
+STUCK_S = 12.0
+"""A process that knows of the run and has not met the others for so long is started again: where one was killed, Fast
+DDS sometimes does not connect its successor."""
+
+CONSUMERS = frozenset({"recorder", "classifier"})
+
 
 class SupervisorNode(BowNode):
     """Tells the graph which of its processes have ended, and listens to how the sweep goes on."""
@@ -33,6 +39,7 @@ class SupervisorNode(BowNode):
         self.news: dict[str, bool] = {}  # for people; True = not yet said
         self.worked: set[int] = set()  # processes that were ready once
         self.closed = False  # the plan is: nothing more will be simulated
+        self._starting: dict[int, tuple[str, float]] = {}  # pid -> role, and since when it looks for the others
         self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
         self.create_subscription(Health, "health", self._on_health, HEARD)
@@ -59,8 +66,8 @@ class SupervisorNode(BowNode):
 
     def _on_health(self, message: Health) -> None:
         self.details[message.role] = message.detail
-        if message.state in (Health.READY, Health.BUSY) and message.host == self.health.host:
-            self.worked.add(message.pid)
+        if message.host == self.health.host:
+            self._note_start(message, time.monotonic())
         if message.state == Health.FAILED and message.role in ("recorder", "classifier"):
             self.failed = f"{message.role}: {message.detail}"
         elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
@@ -68,6 +75,26 @@ class SupervisorNode(BowNode):
         _, found, command = message.detail.partition("; watch with: ")
         if found:
             self.news.setdefault(f"watch the map grow with: {command}", True)
+
+    def _note_start(self, message: Health, now: float) -> None:
+        if message.state in (Health.READY, Health.BUSY):
+            self.worked.add(message.pid)
+        if message.state == Health.STARTING and message.run_id:
+            self._starting.setdefault(message.pid, (message.role, now))
+        else:
+            self._starting.pop(message.pid, None)
+
+    def stuck(self, now: float) -> set[int]:
+        """Return the processes that do not find the others; all others have as long again to find their successors.
+
+        Simulators are blamed only where the consumers, for which they wait, have found everybody.
+        """
+        roles = {role for role, _ in self._starting.values()}
+        blamed = CONSUMERS if CONSUMERS & roles else {"simulator"}
+        stuck = {pid for pid, (role, since) in self._starting.items() if role in blamed and now - since > STUCK_S}
+        if stuck:
+            self._starting = {pid: (role, now) for pid, (role, _) in self._starting.items() if pid not in stuck}
+        return stuck
 
     def bury(self, death: Death) -> None:
         """Tell the graph that a process has ended."""
@@ -129,6 +156,11 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             node.bury(death)
             death.child.worked = death.child.process.pid in node.worked
             supervisor.revive(death)
+        stuck = node.stuck(time.monotonic())
+        for child in supervisor.children:
+            if child.process.pid in stuck:
+                display.say(f"{child.name} does not find the others: it is started again; see {child.log}")
+                child.process.kill()
         if node.closed:  # recorder and dashboard have last words: what nobody has read goes with its sender
             supervisor.release(("simulator", "classifier"))
         if node.failed:

@@ -147,6 +147,25 @@ def sweeping(
         sweep.stop()
 
 
+def assert_gone_on_with(run: Path, undisturbed: Path) -> None:
+    """Resume a run that was cut off: it ends well, holds, and has the map of an undisturbed run."""
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+
+
+def assert_survives_a_kill(role: str, run: Path, arguments: Sequence[str], blocks: int, undisturbed: Path) -> None:
+    """Kill a process once some blocks are done: the sweep ends well by itself, with the map of an undisturbed run."""
+    with sweeping(run, *arguments, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= blocks)
+        sweep.kill(role)
+        assert sweep.wait() == 0, sweep.text
+        assert "killed by SIGKILL" in sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+
+
 def run_sweep(directory: Path, *arguments: str) -> Path:
     """Run a sweep to its end, which must be a good one."""
     with sweeping(directory, *arguments, "--out", str(directory)) as sweep:

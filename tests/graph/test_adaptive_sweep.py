@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import assert_same_map, bow, run_sweep, sweeping, verified
+from graph import assert_gone_on_with, assert_survives_a_kill, bow, run_sweep, sweeping, verified
 
 from bow_sweep.inprocess import compute
 from bow_sweep.plan import Sweep
@@ -53,14 +53,8 @@ def test_an_adaptive_sweep_is_accounted_for_and_its_map_filled(adaptive: Path) -
 @pytest.mark.parametrize("role", ["simulator", "classifier", "recorder"])
 def test_it_goes_on_by_itself_after_a_kill(role: str, adaptive: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *ADAPTIVE, "--out", str(run)) as sweep:
-        sweep.wait_until(lambda: sweep.done_blocks() >= 4)
-        sweep.kill(role)
-        assert sweep.wait() == 0, sweep.text
-        assert "killed by SIGKILL" in sweep.text
-    verified(run)
+    assert_survives_a_kill(role, run, ADAPTIVE, 4, adaptive)
     assert rounds(run) == rounds(adaptive)
-    assert_same_map(adaptive, run)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.full)])
@@ -76,11 +70,8 @@ def test_cut_off_in_a_round_it_goes_on_to_the_same_map(number: signal.Signals, a
             assert sweep.wait() == 130, sweep.text
     before = rounds(run)
     assert len(before) < len(rounds(adaptive))
-    with sweeping(run, "--resume", str(run)) as sweep:
-        assert sweep.wait() == 0, sweep.text
-    verified(run)
+    assert_gone_on_with(run, adaptive)
     assert rounds(run) == rounds(adaptive)
-    assert_same_map(adaptive, run)
 
 
 @pytest.mark.full

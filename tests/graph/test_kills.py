@@ -5,7 +5,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from graph import SMALL, TINY, assert_same_map, orphans, sweeping, verified
+from graph import SMALL, TINY, assert_gone_on_with, assert_same_map, assert_survives_a_kill, orphans, sweeping, verified
 
 from bow_sweep.leftovers import locks_of
 
@@ -15,13 +15,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 @pytest.mark.parametrize("role", ["simulator", "classifier", "recorder", "dashboard"])
 def test_the_sweep_goes_on_by_itself_after_a_kill(role: str, undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
-        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
-        sweep.kill(role)
-        assert sweep.wait() == 0, sweep.text
-        assert "killed by SIGKILL" in sweep.text
-    verified(run)
-    assert_same_map(undisturbed, run)
+    assert_survives_a_kill(role, run, SMALL, 2, undisturbed)
     assert orphans(run) == []
 
 
@@ -62,10 +56,7 @@ def test_without_its_coordinator_a_sweep_stops_and_can_be_gone_on_with(undisturb
         assert sweep.wait() == 1, sweep.text
         assert f"bow sweep --resume {run}" in sweep.text
     assert orphans(run) == []
-    with sweeping(run, "--resume", str(run)) as sweep:
-        assert sweep.wait() == 0, sweep.text
-    verified(run)
-    assert_same_map(undisturbed, run)
+    assert_gone_on_with(run, undisturbed)
 
 
 def test_a_killed_supervisor_takes_its_processes_with_it(undisturbed: Path, tmp_path: Path) -> None:
@@ -77,10 +68,7 @@ def test_a_killed_supervisor_takes_its_processes_with_it(undisturbed: Path, tmp_
         for process in family:
             process.wait(30)
     assert orphans(run) == []
-    with sweeping(run, "--resume", str(run)) as sweep:
-        assert sweep.wait() == 0, sweep.text
-    verified(run)
-    assert_same_map(undisturbed, run)
+    assert_gone_on_with(run, undisturbed)
 
 
 def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
@@ -93,8 +81,5 @@ def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Pat
             os.kill(process.pid, signal.SIGKILL)
         sweep.wait()
     assert locks
-    with sweeping(run, "--resume", str(run)) as sweep:
-        assert sweep.wait() == 0, sweep.text
+    assert_gone_on_with(run, undisturbed)
     assert not [lock for lock in locks if lock.exists()]
-    verified(run)
-    assert_same_map(undisturbed, run)

@@ -111,5 +111,6 @@ def test_interrupted_it_leaves_nothing_behind(run: Path) -> None:
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130, said
     assert b"nothing was written" in said
-    assert not children[0].is_running()
+    psutil.wait_procs(children, timeout=20)
+    assert not children[0].is_running() or children[0].status() == psutil.STATUS_ZOMBIE  # init may take its time
     assert not list(run.glob("verdicts-*"))
