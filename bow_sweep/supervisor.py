@@ -129,10 +129,9 @@ class Supervisor:
         self._deaths: dict[str, list[float]] = {}
         self._looked = 0.0
         logs.mkdir(parents=True, exist_ok=True)
-        self._noted: set[Path] = set()
         self._note = logs / "shared_memory"
-        leftovers.remove(leftovers.noted(self._note))  # of a supervisor before us that was killed
-        self._note.unlink(missing_ok=True)
+        self._inherited = leftovers.noted(self._note)  # of a supervisor before us that was killed
+        self._noted = set(self._inherited)
 
     def start(self, role: str) -> Child:
         """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
@@ -176,6 +175,8 @@ class Supervisor:
 
     def _look_at_shared_memory(self) -> None:
         self._looked = time.monotonic()
+        leftovers.remove(self._inherited)
+        self._inherited = {lock for lock in self._inherited if lock.exists()}  # of some that are still dying
         for child in self.children:
             child.locks |= leftovers.locks_of(child.process.pid)
         known = leftovers.locks_of(os.getpid()).union(*(child.locks for child in self.children))
@@ -232,6 +233,7 @@ class Supervisor:
         self.children += self._leaving
         self._leaving = []
         self.buried()
+        self._look_at_shared_memory()
         self._note.unlink(missing_ok=True)
         return stubborn
 
