@@ -271,6 +271,8 @@ def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
                 at += 4
                 if count:
                     at += -at % item
+                if at + count * item > size:
+                    raise struct.error
                 values[field] = np.frombuffer(body, dtype, count, at)
                 at += count * item
             elif kind == "string":
@@ -283,7 +285,7 @@ def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
                 for _ in range(count):
                     text, at = _string(name, field, body, at)
                     texts.append(text)
-        except (struct.error, ValueError):
+        except struct.error:
             start, end = at + len(ENCAPSULATION), at + len(ENCAPSULATION) + count * item
             raise WireError(f"{name}.{field}: wants bytes {start} to {end}, the message has {len(view)}") from None
         if field == "checksum":

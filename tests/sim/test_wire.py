@@ -172,6 +172,21 @@ def test_slip_intervals_that_cannot_be_are_refused(changes: dict, what: str) -> 
         wire.unseal("StickSlip", message)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        (b"a" * 16 + b"\0", b"a" * 17, r"run_id: the string at byte 8 does not end with a zero"),
+        (b"a" * 16 + b"\0", b"a" * 15 + b"\xff\0", r"run_id: the string at byte 8 is not UTF-8"),
+        (b"\x11\0\0\0" + b"b" * 16, b"\xff" * 4 + b"b" * 16, r"sweep_id: wants bytes"),
+    ],
+)
+def test_a_string_that_is_none_is_refused_by_name_and_place(old: bytes, new: bytes, what: str) -> None:
+    message = wire.encode("BridgeForce", chunk()["BridgeForce"])
+    assert old in message
+    with pytest.raises(wire.WireError, match=what):
+        wire.decode("BridgeForce", message.replace(old, new))
+
+
 def test_mismatched_bridge_force_is_refused() -> None:
     message = wire.encode("BridgeForce", {**chunk()["BridgeForce"], "data": np.zeros(59, np.float32)})
     with pytest.raises(wire.WireError, match="59 values for 3 cells, should be 60"):
