@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -37,7 +37,6 @@ WIDTH, HEIGHT = 128, 64
 
 QUICK = (64, 32)
 LARGE = 16
-EVENTS = ("dispatched", "done")
 BYTES_A_CELL = 70_000
 """A bag holds 56 kB of bridge force for each cell of 100 periods, and little else."""
 
@@ -93,10 +92,15 @@ def list_first(items: Any) -> list[Any]:
     return [item for item, _ in zip(items, range(1), strict=False)]
 
 
+def times(ledger: Iterable[Mapping[str, Any]]) -> dict[str, list[float]]:
+    """Return when blocks were sent and done, seconds since 1970."""
+    return {name: [entry["at"] for entry in ledger if entry["event"] == name] for name in ("dispatched", "done")}
+
+
 def milestones(run: Path, began: float, end: float) -> dict[str, float]:
     """Return how long after its start a sweep reached each stage, seconds: from its ledger, bag and files."""
     ledger = read_ledger(run)
-    at = {name: [entry["at"] for entry in ledger if entry["event"] == name] for name in EVENTS}
+    at = times(ledger)
     files = [run / name for name in ("report.json", "map.npz", "map.png", "dashboard.rrd")]
     stages = {
         "plan": ledger[0]["at"],
@@ -150,6 +154,17 @@ def graph(width: int, height: int, simulators: int, run: Path, more: Sequence[st
     }
 
 
+def cpu_of(processes: Mapping[str, subprocess.Popen[bytes]]) -> dict[str, float]:
+    """Return the CPU seconds that each process has used."""
+    return {name: sum(psutil.Process(process.pid).cpu_times()[:2]) for name, process in processes.items()}
+
+
+def middle_of(runs: Iterable[dict[str, Any]], key: str) -> dict[str, Any]:
+    """Return the run with the median of a figure, the lesser of two."""
+    ordered = sorted(runs, key=lambda run: run[key])
+    return ordered[(len(ordered) - 1) // 2]
+
+
 def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) -> dict[str, Any]:
     """Run maps through a graph that stands; return wall and CPU seconds of one, the median of all but the first.
 
@@ -160,20 +175,16 @@ def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) 
     runs = []
     with standing_graph(namespace, folder, simulators) as processes, contextlib.closing(Client(namespace)) as client:
         for _ in range(maps + 1):
-            before = {name: psutil.Process(process.pid).cpu_times() for name, process in processes.items()}
+            before = cpu_of(processes)
             began = time.perf_counter()
             result = client.sweep(PRESET, settings)
             wall = time.perf_counter() - began
-            cpu = {
-                name: sum(psutil.Process(process.pid).cpu_times()[:2]) - sum(before[name][:2])
-                for name, process in processes.items()
-            }
-            at = {name: [e["at"] for e in read_ledger(Path(result.directory)) if e["event"] == name] for name in EVENTS}
+            cpu = {name: seconds - before[name] for name, seconds in cpu_of(processes).items()}
+            at = times(read_ledger(Path(result.directory)))
             blocks_s = max(at["done"]) - min(at["dispatched"])
             runs.append({"wall_s": wall, "blocks_s": blocks_s, "cpu_s": sum(cpu.values()), "processes": cpu})
             shutil.rmtree(result.directory)
-    runs = sorted(runs[1:], key=lambda run: run["blocks_s"])
-    return runs[(len(runs) - 1) // 2]
+    return middle_of(runs[1:], "blocks_s")
 
 
 def measure(width: int, height: int, simulators: int, repeats: int, folder: Path | None = None) -> dict[str, Any]:
@@ -192,10 +203,9 @@ def measure(width: int, height: int, simulators: int, repeats: int, folder: Path
             runs.append(graph(width, height, simulators, run))
             shutil.rmtree(run)
         kept = standing(size_settings(width, height), simulators, max(repeats, 2), Path(made))
-    runs.sort(key=lambda one: one["wall_s"])
-    middle = runs[(len(runs) - 1) // 2]
+    middle = middle_of(runs, "wall_s")
     result["graph"], result["standing"] = middle, kept
-    result["all_walls_s"] = [one["wall_s"] for one in runs]
+    result["all_walls_s"] = sorted(one["wall_s"] for one in runs)
     bare = result["bare_kernel"]
     result["over_bare"] = {
         "blocks": middle["blocks_s"] / bare["wall_s"],

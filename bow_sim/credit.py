@@ -46,7 +46,6 @@ class Window:
     def __init__(self, limit: int = LIMIT) -> None:
         self.limit = limit
         self._sent: dict[Key, _Sent] = {}
-        self._bytes = 0
         self._quiet_since: dict[int, float] = {}
 
     def __len__(self) -> int:
@@ -55,14 +54,12 @@ class Window:
     @property
     def full(self) -> bool:
         """Whether the next chunk has to wait."""
-        return len(self._sent) >= self.limit or self._bytes >= LIMIT_BYTES
+        return len(self._sent) >= self.limit or sum(entry.size for entry in self._sent.values()) >= LIMIT_BYTES
 
     def sent(self, key: Key, messages: Iterable[bytes], now: float) -> None:
         """Note that a chunk has been published at `now` (seconds)."""
         self._quiet_since.setdefault(key[0], now)
-        before = self._sent.get(key)  # of an older attempt
-        self._sent[key] = entry = _Sent(tuple(messages))
-        self._bytes += entry.size - (before.size if before else 0)
+        self._sent[key] = _Sent(tuple(messages))
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
         """Note an answer; return whether it closed a chunk."""
@@ -74,7 +71,6 @@ class Window:
         self._quiet_since[key[0]] = now
         if entry.receipted and entry.judged:
             del self._sent[key]
-            self._bytes -= entry.size
             if not any(block == key[0] for block, _ in self._sent):
                 del self._quiet_since[key[0]]
             return True
@@ -84,7 +80,6 @@ class Window:
         """Forget the chunks of `blocks`, or all: nobody will answer for them."""
         gone = None if blocks is None else set(blocks)
         self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
-        self._bytes = sum(entry.size for entry in self._sent.values())
         self._quiet_since = {key[0]: self._quiet_since[key[0]] for key in self._sent}
 
     def overdue(self, now: float) -> list[tuple[bytes, ...]]:

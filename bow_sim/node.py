@@ -28,7 +28,7 @@ from .identity import fingerprint, random_id
 from .kernel import Block, ChunkResult
 from .limits import check_block
 from .model import ParameterError
-from .ros import HEARD, INSPECT, STREAM, BowNode, live, publish_surely, publishes
+from .ros import CONSUMERS, HEARD, INSPECT, STREAM, BowNode, live, publish_surely, publishes
 from .spec import split
 
 HELP = """
@@ -48,8 +48,6 @@ ASK_EVERY = 8 << 20
 UNACKNOWLEDGED = 64 << 20
 """Bytes that a subscriber which no longer acknowledges may pile up here, then publishing waits: credit does not see
 the endpoint of a killed consumer, which DDS keeps for some 20 s, nor a stopped third party."""
-
-CONSUMERS = ("recorder", "classifier")
 
 
 class SimulatorNode(BowNode):

@@ -35,6 +35,9 @@ RCLError = rclpy_implementation.RCLError
 NAMESPACE = "/bow"
 """Where nodes live unless remapped (``-r __ns:=``); `bow sweep` gives each run a namespace of its own below it."""
 
+CONSUMERS = ("recorder", "classifier")
+"""Roles of the nodes that take the streams whole: everybody waits for them."""
+
 STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 """bridge_force, stick_slip, verdicts, receipts: nothing is dropped; credit bounds what is under way."""
 

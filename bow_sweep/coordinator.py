@@ -18,7 +18,7 @@ from sensor_msgs.msg import Image
 from bow_sim import wire
 from bow_sim.identity import fingerprint, random_id
 from bow_sim.model import ParameterError
-from bow_sim.ros import HEARD, LATCHED, STREAM, BowNode, StartupError, live, publishes
+from bow_sim.ros import CONSUMERS, HEARD, LATCHED, STREAM, BowNode, StartupError, live, publishes
 
 from . import announce
 from .basin import Basin
@@ -206,7 +206,7 @@ class CoordinatorNode(BowNode):
         self._nodes[message.node] = message
         if message.role == "simulator":
             self._pool.on_health(message, self._run.run_id if self._run else "", now)
-        elif message.role in ("recorder", "classifier") and message.state != Health.DEAD and self._run is not None:
+        elif message.role in CONSUMERS and message.state != Health.DEAD and self._run is not None:
             if message.run_id == self._run.run_id and message.state in (Health.READY, Health.BUSY):
                 self._ready.add(message.role)
             known = self._consumers.setdefault(message.role, message.incarnation)

@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from bow_classifier.regimes import REGIMES
 from bow_sim import wire
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import HEARD, LATCHED, BowNode, leave
+from bow_sim.ros import CONSUMERS, HEARD, LATCHED, BowNode, leave
 
 from .display import Display, Progress
 from .supervisor import Death, GraphError, Supervisor, tail
@@ -24,8 +24,6 @@ from .supervisor import Death, GraphError, Supervisor, tail
 STUCK_S = 12.0
 """A process that knows of the run and has not met the others for so long is started again: where one was killed, Fast
 DDS sometimes does not connect its successor."""
-
-CONSUMERS = frozenset({"recorder", "classifier"})
 
 
 class SupervisorNode(BowNode):
@@ -68,7 +66,7 @@ class SupervisorNode(BowNode):
         self.details[message.role] = message.detail
         if message.host == self.health.host:
             self._note_start(message, time.monotonic())
-        if message.state == Health.FAILED and message.role in ("recorder", "classifier"):
+        if message.state == Health.FAILED and message.role in CONSUMERS:
             self.failed = f"{message.role}: {message.detail}"
         elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
             self.news.setdefault(f"{message.node}: {message.detail}", True)
@@ -89,8 +87,8 @@ class SupervisorNode(BowNode):
 
         Simulators are blamed only where the consumers, for which they wait, have found everybody.
         """
-        roles = {role for role, _ in self._starting.values()}
-        blamed = CONSUMERS if CONSUMERS & roles else {"simulator"}
+        waits = any(role in CONSUMERS for role, _ in self._starting.values())
+        blamed = CONSUMERS if waits else ("simulator",)
         stuck = {pid for pid, (role, since) in self._starting.items() if role in blamed and now - since > STUCK_S}
         if stuck:
             self._starting = {pid: (role, now) for pid, (role, _) in self._starting.items() if pid not in stuck}
