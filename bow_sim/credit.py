@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-LIMIT = 32
-"""Chunks under way at most."""
+LIMIT = 16
+"""Chunks under way at most, and messages that shared memory has room for."""
 
 LIMIT_BYTES = 12 << 20
 """Bytes under way after which no other chunk begins."""

@@ -13,8 +13,8 @@ MAX_BLOCK_CELLS = 1024
 MAX_VERDICTS = 1 << 27
 """Cells times tests of a sweep at most: the map that the coordinator keeps of them has 17 bytes for each."""
 
-MAX_CHUNK_VALUES = 1 << 22
-"""Cells times samples of a chunk at most: its message has 16 MB then, and a simulator holds 32 of them."""
+MAX_CHUNK_VALUES = 400_000
+"""Cells times samples of a chunk at most: a message of 1.6 MB, and the bound that BridgeForce.msg has."""
 
 MAX_HISTORY = 1 << 23
 """Cells of a block times greatest lag of a reflection function at most: the kernel keeps a number for each."""

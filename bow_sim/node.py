@@ -1,12 +1,11 @@
 """The simulator node: takes blocks as goals, runs the kernel, publishes bridge force and stick/slip at full rate.
 
-It takes goals only once its streams have met this run's recorder and classifier, keeps at most 32 chunks under way
+It takes goals only once its streams have met this run's recorder and classifier, keeps at most 16 chunks under way
 that are not both receipted and judged, and sends again what stays unanswered.
 """
 
 from __future__ import annotations
 
-import itertools
 import queue
 import threading
 import time
@@ -19,8 +18,6 @@ from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip
 from numpy.typing import NDArray
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.duration import Duration
-from rclpy.publisher import Publisher
 
 from . import wire
 from .credit import LIMIT, Window
@@ -28,11 +25,11 @@ from .identity import fingerprint, random_id
 from .kernel import Block, ChunkResult
 from .limits import check_block
 from .model import ParameterError
-from .ros import CONSUMERS, HEARD, INSPECT, STREAM, BowNode, live, publish_surely, publishes
+from .ros import CONSUMERS, HEARD, INSPECT, STREAM, WAVES, BowNode, live, publishes
 from .spec import split
 
 HELP = """
-usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p credit:=32 -p inspect:=[0,77]]
+usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p credit:=8 -p inspect:=[0,77]]
 
 Simulates blocks of bowed strings for a sweep. Start as many as there are cores, here or on other machines; each joins
 the pool of the coordinator in its namespace (default /bow) by its action server <node>/simulate.
@@ -41,13 +38,6 @@ It takes work once a recorder and a classifier of that namespace listen to its s
 
 IN_HAND = 2
 """Goals held at most: one being computed, one waiting."""
-
-ASK_EVERY = 8 << 20
-"""Bytes between two looks at whether every subscriber has acknowledged."""
-
-UNACKNOWLEDGED = 64 << 20
-"""Bytes that a subscriber which no longer acknowledges may pile up here, then publishing waits: credit does not see
-the endpoint of a killed consumer, which DDS keeps for some 20 s, nor a stopped third party."""
 
 
 class SimulatorNode(BowNode):
@@ -60,7 +50,7 @@ class SimulatorNode(BowNode):
             LIMIT,
             ParameterDescriptor(
                 description="chunks under way at most that are not both receipted and judged",
-                integer_range=[IntegerRange(from_value=1, to_value=1024, step=1)],
+                integer_range=[IntegerRange(from_value=1, to_value=LIMIT, step=1)],
             ),
         ).value
         self.declare_parameter(
@@ -80,10 +70,9 @@ class SimulatorNode(BowNode):
         self._met: dict[str, set[bytes]] = {}
         self._waiting_for: dict[str, set[bytes]] = {role: set() for role in CONSUMERS}
         self._leaving = threading.Event()
-        self._unacknowledged, self._ask_at = 0, ASK_EVERY
 
-        self._force = self.create_publisher(BridgeForce, "bridge_force", STREAM)
-        self._slips = self.create_publisher(StickSlip, "stick_slip", STREAM)
+        self._force = self.create_publisher(BridgeForce, "bridge_force", WAVES)
+        self._slips = self.create_publisher(StickSlip, "stick_slip", WAVES)
         self._inspect = self.create_publisher(BridgeForce, "inspect", INSPECT)
         self.create_subscription(Plan, "plan", self._on_plan, HEARD)
         self.create_subscription(Health, "health", self._on_health, HEARD)
@@ -325,26 +314,9 @@ class SimulatorNode(BowNode):
 
     def _publish(self, messages: Sequence[bytes]) -> None:
         for publisher, message in zip((self._force, self._slips), messages, strict=True):
-            publish_surely(self, publisher, message, self._leaving.is_set)
+            publisher.publish(message)
             self.health.bytes += len(message)
-            self._unacknowledged += len(message)
         self.health.messages += len(messages)
-        if self._unacknowledged >= self._ask_at:
-            self._await_acknowledgement(self._force)
-
-    def _await_acknowledgement(self, publisher: Publisher) -> None:
-        """Look whether every subscriber has acknowledged; wait for it once too much has piled up."""
-        for seconds in itertools.count():
-            if self._leaving.is_set() or publisher.wait_for_all_acked(Duration(seconds=1 if seconds else 0)):
-                self._unacknowledged, self._ask_at = 0, ASK_EVERY
-                return
-            if self._unacknowledged < UNACKNOWLEDGED:
-                self._ask_at = self._unacknowledged + ASK_EVERY
-                return
-            if seconds % 5 == 1:
-                listeners = self.get_subscriptions_info_by_topic(publisher.topic_name)
-                names = ", ".join(sorted({i.node_name for i in listeners}))
-                self.get_logger().warning(f"{publisher.topic_name}: a subscriber hangs, one of {names}")
 
     def _show(self, values: Mapping[str, Any], output: ChunkResult, rows: NDArray[np.intp]) -> None:
         """Publish the bridge force of some cells of a chunk, by their rows, for people to look at."""

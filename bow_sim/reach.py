@@ -14,13 +14,19 @@ from collections.abc import Mapping
 from pathlib import Path
 
 RANGE, PEERS, SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"
-PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+PROFILE, LEND = "FASTRTPS_DEFAULT_PROFILES_FILE", "RMW_FASTRTPS_USE_QOS_FROM_XML"
 DOMAIN = "ROS_DOMAIN_ID"
 
 SUBNET, LOCALHOST = "SUBNET", "LOCALHOST"
 
 LOOPBACK_PROFILE, NETWORK_PROFILE = "fastdds.xml", "fastdds_network.xml"
 """Our middleware profiles, in config/: UDP on 127.0.0.1 alone, and on every interface; both with shared memory."""
+
+SHARED_MEMORY = Path("/dev/shm")
+
+SHARED_ROOM = 256 << 20
+"""Bytes free in shared memory that a process wants before it lends its messages there: a simulator takes 34 MB for them
+at once, and containers often have 64 MB in all. Without, messages are copied, as they are between machines."""
 
 _HOST = re.compile(r"[0-9A-Za-z]([0-9A-Za-z.-]*[0-9A-Za-z])?")
 
@@ -42,7 +48,18 @@ def defaults(environment: Mapping[str, str]) -> dict[str, str]:
         profile = find_profile(NETWORK_PROFILE if goes_beyond(environment) else LOOPBACK_PROFILE)
         if profile is not None:
             out[PROFILE] = str(profile)
+            if LEND not in environment:
+                out[LEND] = str(int(_free(SHARED_MEMORY) >= SHARED_ROOM))
     return out
+
+
+def _free(directory: Path) -> int:
+    """Return the bytes that a file system has left; 0 where there is none."""
+    try:
+        there = os.statvfs(directory)
+    except OSError:
+        return 0
+    return there.f_bavail * there.f_frsize
 
 
 def find_profile(name: str) -> Path | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
-import itertools
 import os
 import resource
 import signal
@@ -28,6 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from . import reach
+from .credit import LIMIT
 from .identity import random_id
 
 RCLError = rclpy_implementation.RCLError
@@ -39,7 +39,11 @@ CONSUMERS = ("recorder", "classifier")
 """Roles of the nodes that take the streams whole: everybody waits for them."""
 
 STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
-"""bridge_force, stick_slip, verdicts, receipts: nothing is dropped; credit bounds what is under way."""
+"""verdicts, receipts, subscribers of the streams: nothing is dropped; credit bounds what is under way."""
+
+WAVES = QoSProfile(depth=LIMIT, reliability=ReliabilityPolicy.RELIABLE)
+"""For publishers of the streams: as many are kept as credit lets be under way, so neither consumer misses any, and no
+other subscriber holds them up. For as many bridge_force has room in shared memory."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """plan, basin_map, health: a late joiner gets the latest one of every publisher."""
@@ -47,7 +51,7 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 HEARD = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For subscribers of plan and health: publishers share the room of a subscriber, none must push out another's word."""
 
-INSPECT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+INSPECT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 """inspect: pictures for people; a lost one is no loss."""
 
 HEALTH_PERIOD_S = 1.0
@@ -108,26 +112,6 @@ class BowNode(Node):
 def resident_bytes() -> int:
     """Return the resident memory of this process in bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-
-
-def publish_surely(node: Node, publisher: Publisher, message: bytes, give_up: Callable[[], bool]) -> bool:
-    """Publish CDR bytes on a KEEP_ALL topic; while the queue is full, say which subscribers there are and try again.
-
-    Returns False only where `give_up` says that the node is leaving.
-    """
-    for attempt in itertools.count():
-        try:
-            publisher.publish(message)
-            return True
-        except RCLError as error:
-            if give_up() or not rclpy.ok():
-                return False
-            if attempt % 10 == 0:  # publish() itself waits 0.1 s
-                names = sorted({i.node_name for i in node.get_subscriptions_info_by_topic(publisher.topic_name)})
-                node.get_logger().warning(
-                    f"{publisher.topic_name}: cannot publish, one of {', '.join(names)} hangs: {error}"
-                )
-    return False
 
 
 def has_met(node: Node, publisher: Publisher, names: Iterable[str]) -> bool:

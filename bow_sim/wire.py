@@ -2,9 +2,9 @@
 
 ROS 2 carries messages as CDR (OMG DDS-XTypes 1.3, section 7.4, plain XCDR1, little endian): four bytes of
 encapsulation, then every primitive aligned to its own size counted from there; a sequence is its length as uint32,
-then its elements; a string counts its closing zero. All messages of ``bow_msgs`` are flat once nested ones are written
-out field by field, so a table of fields describes each. ``tests/sim/test_wire.py`` holds the tables against the .msg
-files and the bytes against rclpy's own serialisation.
+then its elements; a string counts its closing zero; a short text is an array of bytes, filled up with zeros. All
+messages of ``bow_msgs`` are flat once nested ones are written out field by field, so a table of fields describes each,
+see :mod:`bow_sim.messages`. ``tests/sim/test_wire.py`` holds the bytes against rclpy's own serialisation.
 
 A message with a `checksum` is sealed: XXH3-64 over all bytes after that field, seeded with its place in the sweep.
 The field is eight bytes wide and so ends on a multiple of eight: what follows has the same bytes wherever it stands.
@@ -20,94 +20,32 @@ from typing import Any, NamedTuple
 import numpy as np
 import xxhash
 
+from .messages import FIELDS, SHORT_TEXT, is_sealed
+
+__all__ = [
+    "ENCAPSULATION",
+    "FIELDS",
+    "INTERVAL_FIELDS",
+    "RECEIPT_STREAMS",
+    "RECEIPT_VERDICTS",
+    "SHORT_TEXT",
+    "SLACK",
+    "Buffer",
+    "Identity",
+    "WireError",
+    "chunk_checksum",
+    "decode",
+    "decode_head",
+    "encode",
+    "identity",
+    "is_sealed",
+    "unseal",
+]
+
 Buffer = bytes | bytearray | memoryview
 
 ENCAPSULATION = b"\x00\x01\x00\x00"
 """Plain CDR, little endian, no options."""
-
-_IDENTITY = {
-    "run_id": "string",
-    "sweep_id": "string",
-    "block": "uint32",
-    "chunk": "uint32",
-    "attempt": "uint32",
-    "incarnation": "string",
-    "checksum": "uint64",
-}
-
-FIELDS: dict[str, dict[str, str]] = {
-    "BridgeForce": {
-        **_IDENTITY,
-        "cells": "uint32[]",
-        "first_sample": "uint32",
-        "samples": "uint32",
-        "data": "float32[]",
-    },
-    "StickSlip": {
-        **_IDENTITY,
-        "cells": "uint32[]",
-        "first_sample": "uint32",
-        "samples": "uint32",
-        "slipping": "uint8[]",
-        "offsets": "uint32[]",
-        "onset": "uint32[]",
-        "duration": "uint32[]",
-        "slip": "float64[]",
-    },
-    "Verdicts": {
-        **_IDENTITY,
-        "chunk_checksum": "uint64",
-        "classifier": "string",
-        "cells": "uint32[]",
-        "correlation": "float32[]",
-        "period": "float32[]",
-        "slips": "uint16[]",
-        "corners": "uint16[]",
-        "regime": "uint8[]",
-        "confidence": "float32[]",
-    },
-    "Receipt": {
-        "run_id": "string",
-        "sweep_id": "string",
-        "incarnation": "string",
-        "kind": "uint8[]",
-        "block": "uint32[]",
-        "chunk": "uint32[]",
-        "attempt": "uint32[]",
-        "checksum": "uint64[]",
-    },
-    "Plan": {
-        "run_id": "string",
-        "sweep_id": "string",
-        "epoch": "uint32",
-        "state": "uint8",
-        "spec.preset": "string",
-        "spec.settings": "string[]",
-        "fingerprint": "string",
-        "classifier": "string",
-        "block_states": "uint8[]",
-        "rounds": "uint8[]",
-    },
-    "BasinMap": {
-        "run_id": "string",
-        "sweep_id": "string",
-        "x_name": "string",
-        "y_name": "string",
-        "x": "float64[]",
-        "y": "float64[]",
-        "transient_periods": "float32[]",
-        "regime": "uint8[]",
-        "tests": "uint16[]",
-        "correlation": "float32[]",
-        "slips": "uint16[]",
-        "corners": "uint16[]",
-        "regime_names": "string[]",
-        "cells_done": "uint32",
-        "cells_quarantined": "uint32",
-        "cells_outstanding": "uint32",
-    },
-}
-"""Message -> its fields in order, nested messages written out with a dot."""
 
 SLACK = 32
 """Bytes that may follow a message that ROS has serialised: it reserves room for aligning arrays that are empty."""
@@ -117,11 +55,6 @@ INTERVAL_FIELDS = ("slipping", "offsets", "onset", "duration", "slip")
 
 RECEIPT_STREAMS, RECEIPT_VERDICTS = 0, 1
 """Receipt.kind: both stream messages of a chunk; the verdicts on a chunk."""
-
-
-def is_sealed(name: str) -> bool:
-    """Return whether a message carries its own checksum; then it was written here, to the last byte."""
-    return FIELDS[name].get("checksum") == "uint64"
 
 
 class WireError(ValueError):
@@ -153,22 +86,28 @@ class _Field(NamedTuple):
 
     name: str
     kind: str
-    """"string", "string[]", "array" or "scalar"."""
+    """"string", "string[]", "text", "array" or "scalar"."""
     form: struct.Struct
-    """Of a scalar, an item of an array or the length of a string."""
+    """Of a scalar, an item of an array, the length of a string, or a short text."""
     dtype: np.dtype[Any]
+    most: int
+    """Items of an array at most."""
 
     @classmethod
     def of(cls, name: str, declared: str) -> _Field:
-        item = declared.removesuffix("[]")
+        item, _, bound = declared.partition("[")
         if item == "string":
-            return cls(name, declared, _LENGTH, np.dtype("S"))
+            return cls(name, declared, _LENGTH, np.dtype("S"), 0)
+        if declared == SHORT_TEXT:
+            return cls(name, "text", _TEXT, np.dtype("S16"), 0)
+        most = int(bound.strip("<=]") or 2**32 - 1)
         form = struct.Struct("<" + _LETTERS[item])
-        return cls(name, "scalar" if item == declared else "array", form, np.dtype(item).newbyteorder("<"))
+        return cls(name, "array" if bound else "scalar", form, np.dtype(item).newbyteorder("<"), most)
 
 
 _LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
 _LENGTH = struct.Struct("<I")
+_TEXT = struct.Struct("16s")
 _LAYOUT = {message: [_Field.of(*field) for field in fields.items()] for message, fields in FIELDS.items()}
 
 
@@ -191,11 +130,15 @@ class _Writer:
             self.raw(field.form.pack(value), field.form.size)
         elif field.kind == "array":
             array = np.ascontiguousarray(value, dtype=field.dtype).reshape(-1)
+            if array.size > field.most:
+                raise WireError(f"{field.name}: {array.size} values, should be {field.most} at most")
             self.raw(_LENGTH.pack(array.size), 4)
             if array.size:
                 self.raw(array.view(np.uint8).data, array.itemsize)
         elif field.kind == "string":
             self._string(value)
+        elif field.kind == "text":
+            self.raw(_short(field.name, value), 1)
         else:
             self.raw(_LENGTH.pack(len(value)), 4)
             for item in value:
@@ -207,6 +150,20 @@ class _Writer:
         self.raw(text, 1)
 
 
+def _short(field: str, text: str) -> bytes:
+    """Return a short text as bytes.
+
+    Raises
+    ------
+    WireError
+        Where it is not one: too long, or not ASCII.
+    """
+    data = text.encode()
+    if len(data) > _TEXT.size or not text.isascii() or data.endswith(b"\0"):
+        raise WireError(f"{field} = {text!r}: should be {_TEXT.size} ASCII characters at most")
+    return data.ljust(_TEXT.size, b"\0")
+
+
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
     """Return message `name` as CDR bytes; a sealed message gets its checksum here, whatever `values` says of it.
 
@@ -216,6 +173,11 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
         Key of `FIELDS`.
     values
         Field -> value; arrays in any shape, written flat in C order.
+
+    Raises
+    ------
+    WireError
+        Where a field does not take so much.
     """
     head, tail = _Writer(), _Writer()
     writer = head
@@ -246,8 +208,19 @@ def decode(name: str, data: Buffer) -> dict[str, Any]:
     return _decode(name, data)[0]
 
 
-def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
-    """Return the fields of a message, and where what its checksum covers begins.
+def decode_head(name: str, data: Buffer) -> dict[str, Any]:
+    """Return the fields of sealed message `name` up to its checksum; the rest is not looked at.
+
+    Raises
+    ------
+    WireError
+        Where the bytes end too early, or are not plain little-endian CDR.
+    """
+    return _decode(name, data, whole=False)[0]
+
+
+def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any], int]:
+    """Return the fields of a message, or those up to its checksum, and where what that covers begins.
 
     Nothing is allocated on the word of the sender.
     """
@@ -258,7 +231,7 @@ def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
     size = len(body)
     values: dict[str, Any] = {}
     at = covered = 0
-    for field, kind, form, dtype in _LAYOUT[name]:
+    for field, kind, form, dtype, most in _LAYOUT[name]:
         count, item = 1, form.size
         try:
             if kind == "scalar":
@@ -269,6 +242,8 @@ def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
                 at += -at % 4
                 (count,) = _LENGTH.unpack_from(body, at)
                 at += 4
+                if count > most:
+                    raise WireError(f"{name}.{field}: {count} values, should be {most} at most")
                 if count:
                     at += -at % item
                 if at + count * item > size:
@@ -277,6 +252,12 @@ def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
                 at += count * item
             elif kind == "string":
                 values[field], at = _string(name, field, body, at)
+            elif kind == "text":
+                (short,) = form.unpack_from(body, at)
+                if not short.isascii():
+                    raise WireError(f"{name}.{field}: {short!r} is not ASCII")
+                values[field] = short.rstrip(b"\0").decode()
+                at += item
             else:
                 at += -at % 4
                 (count,) = _LENGTH.unpack_from(body, at)
@@ -290,6 +271,8 @@ def _decode(name: str, data: Buffer) -> tuple[dict[str, Any], int]:
             raise WireError(f"{name}.{field}: wants bytes {start} to {end}, the message has {len(view)}") from None
         if field == "checksum":
             covered = at + len(ENCAPSULATION)
+            if not whole:
+                return values, covered
     if size - at > (0 if is_sealed(name) else SLACK):
         raise WireError(f"{name}: {size - at} bytes too many after byte {at + len(ENCAPSULATION)}")
     return values, covered

@@ -1,10 +1,11 @@
-"""Shared memory that a killed process of ours leaves behind: 9 MB in /dev/shm each, until the next boot.
+"""Shared memory that a killed process of ours leaves behind: up to 40 MB in /dev/shm each, until the next boot.
 
 Where the supervisor is killed too, a note beside its logs says what there was, and the next one of that run sees to it.
 
 Fast DDS keeps its messages in a segment ``fastrtps_<16 digits>`` and, as long as it lives, holds a lock on the file
-``fastrtps_<16 digits>_el`` beside it. A segment is removed only if a child of ours had its lock file open while it
-lived, and nobody holds the lock any more.
+``fastrtps_<16 digits>_el`` beside it: such a segment goes when nobody holds the lock any more. What it lends to readers
+lies in ``fast_datasharing_<GUID>``, whose owner's process number, or the end of it, is in the GUID: that goes when no
+such process has it in its memory any more. Neither is touched that a child of ours did not have while it lived.
 """
 
 from __future__ import annotations
@@ -16,48 +17,93 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-SHARED_MEMORY = Path("/dev/shm")
-_LOCK = re.compile(re.escape(str(SHARED_MEMORY)) + r"/fastrtps_[0-9a-f]{16}_el")
+from bow_sim.reach import SHARED_MEMORY
+
+_LOCK = re.compile(r"fastrtps_[0-9a-f]{16}_el")
+_LENT = re.compile(r"fast_datasharing_(?:[0-9a-f]{2}\.){4}([0-9a-f]{2})\.([0-9a-f]{2})\.[0-9a-f.]+_[0-9a-f.]+")
+
+_OWNERS = 1 << 16
+"""A GUID has the lowest two bytes of a process number."""
 
 
-def locks_of(pid: int) -> set[Path]:
-    """Return the lock files of the segments that a living process has open; none where it is gone."""
+def files_of(pid: int, known: Iterable[Path] = ()) -> set[Path]:
+    """Return what a living process has in shared memory that is its own, but for what is `known`.
+
+    These are the locks of its segments, and what it lends; none where it is gone.
+    """
     found = set()
     with contextlib.suppress(OSError):
         for descriptor in Path(f"/proc/{pid}/fd").iterdir():
             with contextlib.suppress(OSError):
                 target = descriptor.readlink()
-                if _LOCK.fullmatch(str(target)):
+                if target.parent == SHARED_MEMORY and _LOCK.fullmatch(target.name):
                     found.add(target)
-    return found
+        found |= {path for path in SHARED_MEMORY.iterdir() if _owner(path) == pid % _OWNERS}
+    fresh = found.difference(known)
+    lent = {path for path in fresh if _owner(path) is not None}
+    return (fresh - lent) | (_mapped(pid, lent) if lent else lent)
 
 
-def note(path: Path, locks: Iterable[Path]) -> None:
-    """Add lock files to a note; where the disk does not take it, there is none."""
-    with contextlib.suppress(OSError), open(path, "a", encoding="utf-8") as file:
-        file.writelines(f"{lock}\n" for lock in sorted(locks))
+def _owner(path: Path) -> int | None:
+    """Return the lowest two bytes of the number of the process that lends a file; None where it is no such file."""
+    lent = _LENT.fullmatch(path.name) if path.parent == SHARED_MEMORY else None
+    return int(lent[2] + lent[1], 16) if lent else None
+
+
+def _mapped(pid: int, paths: Iterable[Path]) -> set[Path]:
+    """Return which of some files a process has in its memory."""
+    try:
+        memory = Path(f"/proc/{pid}/maps").read_text(errors="replace")
+    except OSError:
+        return set()
+    return {path for path in paths if f"{path}\n" in memory}
+
+
+def note(path: Path, files: Iterable[Path]) -> None:
+    """Add files to a note; where the disk does not take it, there is none."""
+    with contextlib.suppress(OSError), open(path, "a", encoding="utf-8") as out:
+        out.writelines(f"{file}\n" for file in sorted(files))
 
 
 def noted(path: Path) -> set[Path]:
-    """Return the lock files that a note names; what is none is left out."""
+    """Return the files that a note names; what is none of Fast DDS's is left out."""
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        files = [Path(line) for line in path.read_text(encoding="utf-8", errors="replace").splitlines()]
     except OSError:
         return set()
-    return {Path(line) for line in lines if _LOCK.fullmatch(line)}
+    return {
+        file
+        for file in files
+        if (file.parent == SHARED_MEMORY and _LOCK.fullmatch(file.name)) or _owner(file) is not None
+    }
 
 
-def remove(locks: Iterable[Path]) -> int:
-    """Remove those segments whose lock nobody holds; return how many."""
+def remove(files: Iterable[Path]) -> int:
+    """Remove what nobody has any more: segments with their locks, and what was lent; return how many."""
     removed = 0
-    for lock in locks:
+    for file in files:
         with contextlib.suppress(OSError):  # gone already, or still locked
-            descriptor = os.open(lock, os.O_RDWR)
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
-                lock.unlink()
-                removed += 1
-            finally:
-                os.close(descriptor)
+            owner = _owner(file)
+            if owner is None:
+                _remove_unlocked(file)
+            elif any(_mapped(pid, [file]) for pid in range(owner, _last_pid() + 1, _OWNERS)):
+                continue
+            else:
+                file.unlink()
+            removed += 1
     return removed
+
+
+def _remove_unlocked(lock: Path) -> None:
+    """Remove a segment and its lock, or raise OSError where it is held."""
+    descriptor = os.open(lock, os.O_RDWR)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock.with_name(lock.name.removesuffix("_el")).unlink(missing_ok=True)
+        lock.unlink()
+    finally:
+        os.close(descriptor)
+
+
+def _last_pid() -> int:
+    return int(Path("/proc/sys/kernel/pid_max").read_text())

@@ -23,7 +23,7 @@ import yaml
 from bow_classifier.thresholds import Thresholds
 from bow_sim.blocks import Blocks
 from bow_sim.identity import source_hash
-from bow_sim.limits import MAX_CELLS, check_size
+from bow_sim.limits import MAX_CELLS, MAX_CHUNK_VALUES, check_size
 from bow_sim.model import SWEEPABLE, TYPES, ParameterError, Parameters, parse_settings
 from bow_sim.spec import axis_values, split
 
@@ -95,15 +95,12 @@ BLOCKS, ADAPTIVE_BLOCKS = 16, 64
 LEAST_BLOCK, MOST_BLOCK = 64, 512
 """Cells of a block that is not set. A message costs much the same whatever is in it, so blocks should be large."""
 
-MESSAGE_VALUES = 400_000
-"""Cells times samples of a chunk at most where blocks are not set: 1.6 MB."""
-
 
 def default_block_cells(cells: int, adaptive: float, chunk_samples: int) -> int:
     """Return how many cells a block has where nobody says: a multiple of eight, the lanes of the kernel."""
     wanted = -(-cells // (ADAPTIVE_BLOCKS if adaptive < 1 else BLOCKS))
-    most = min(MOST_BLOCK, MESSAGE_VALUES // chunk_samples)
-    return max(8, min(max(wanted, LEAST_BLOCK), most) // 8 * 8)
+    most = min(MOST_BLOCK, max(1, MAX_CHUNK_VALUES // chunk_samples))
+    return min(max(wanted, LEAST_BLOCK), most) // 8 * 8 or most
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ class Child:
     process: subprocess.Popen[bytes] | Forked
     log: Path
     started: float = field(default_factory=time.monotonic)
-    locks: set[Path] = field(default_factory=set)  # of its shared memory, see .leftovers
+    shared: set[Path] = field(default_factory=set)  # its files in shared memory, see .leftovers
     worked: bool = False  # it was ready once
 
     def ask_to_end(self) -> None:
@@ -168,7 +168,7 @@ class Supervisor:
         gone = [Death(child, status) for child in self.children if (status := child.process.poll()) is not None]
         self.children = [child for child in self.children if child.process.returncode is None]
         for death in gone:
-            leftovers.remove(death.child.locks)
+            leftovers.remove(death.child.shared)
         if time.monotonic() - self._looked > LOOK_S:
             self._look_at_shared_memory()
         return gone
@@ -176,13 +176,14 @@ class Supervisor:
     def _look_at_shared_memory(self) -> None:
         self._looked = time.monotonic()
         leftovers.remove(self._inherited)
-        self._inherited = {lock for lock in self._inherited if lock.exists()}  # of some that are still dying
+        self._inherited = {file for file in self._inherited if file.exists()}  # of some that are still dying
         for child in self.children:
-            child.locks |= leftovers.locks_of(child.process.pid)
-        known = leftovers.locks_of(os.getpid()).union(*(child.locks for child in self.children))
-        if known - self._noted:
-            leftovers.note(self._note, known - self._noted)
-            self._noted |= known
+            child.shared |= leftovers.files_of(child.process.pid, child.shared)
+        ours = leftovers.files_of(os.getpid(), self._noted)
+        fresh = ours.union(*(child.shared for child in self.children)) - self._noted
+        if fresh:
+            leftovers.note(self._note, fresh)
+            self._noted |= fresh
 
     def revive(self, death: Death) -> Child:
         """Start a process again.

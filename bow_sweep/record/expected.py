@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,47 +22,6 @@ DONE, QUARANTINED = 1, 2
 """Values of Plan.block_states; 0 is outstanding."""
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
-_U32 = struct.Struct("<I")
-
-
-class Head(NamedTuple):
-    """The first fields of a sealed message."""
-
-    run_id: str
-    sweep_id: str
-    block: int
-    chunk: int
-    attempt: int
-    checksum: int
-
-
-def read_head(data: bytes | memoryview) -> Head:
-    """Return the identity and the checksum of a stream message or verdicts; the rest is not looked at.
-
-    Raises
-    ------
-    WireError
-        Where the bytes end too early.
-    """
-    try:
-        run_id, at = _string(data, 4)
-        sweep_id, at = _string(data, at)
-        block, chunk, attempt = struct.unpack_from("<III", data, at)
-        _, at = _string(data, at + 12)
-        at += -(at - 4) % 8
-        (checksum,) = struct.unpack_from("<Q", data, at)
-    except (struct.error, UnicodeDecodeError) as error:
-        raise wire.WireError(f"a message of {len(data)} bytes has no identity: {error}") from None
-    return Head(run_id, sweep_id, block, chunk, attempt, checksum)
-
-
-def _string(data: bytes | memoryview, at: int) -> tuple[str, int]:
-    """Return the CDR string at `at` and where the next four-byte field begins."""
-    (length,) = _U32.unpack_from(data, at)
-    end = at + 4 + length
-    if length < 1 or end > len(data):
-        raise struct.error(f"a string of {length} bytes at byte {at}")
-    return bytes(data[at + 4 : end - 1]).decode(), end + -end % 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,15 +114,16 @@ class Expected:
         """Return the cells of a block, (cells of the block,) uint32."""
         return self.planned.block(block)
 
-    def check_head(self, head: Head) -> None:
+    def check_head(self, values: Mapping[str, Any]) -> None:
         """Raise WireError where a message is not of this run or of no chunk in it."""
-        if (head.run_id, head.sweep_id) != (self.run_id, self.sweep_id):
+        seen = wire.identity(values)
+        if (seen.run_id, seen.sweep_id) != (self.run_id, self.sweep_id):
             raise wire.WireError(
-                f"run {head.run_id!r}, sweep {head.sweep_id!r}: this is run {self.run_id}, sweep {self.sweep_id}"
+                f"run {seen.run_id!r}, sweep {seen.sweep_id!r}: this is run {self.run_id}, sweep {self.sweep_id}"
             )
-        if head.block >= self.blocks or head.chunk >= self.chunks:
+        if seen.block >= self.blocks or seen.chunk >= self.chunks:
             raise wire.WireError(
-                f"block {head.block}, chunk {head.chunk}: there are {self.blocks} blocks of {self.chunks} chunks"
+                f"block {seen.block}, chunk {seen.chunk}: there are {self.blocks} blocks of {self.chunks} chunks"
             )
 
     def check(self, name: str, data: bytes | memoryview) -> dict[str, Any]:
@@ -176,8 +135,8 @@ class Expected:
             Saying what does not fit the plan or itself.
         """
         values = wire.unseal(name, data)
+        self.check_head(values)
         block, chunk = values["block"], values["chunk"]
-        self.check_head(Head(values["run_id"], values["sweep_id"], block, chunk, values["attempt"], 0))
         if not np.array_equal(values["cells"], self.block(block)):
             raise wire.WireError(f"{name}.cells: not the {len(self.block(block))} cells of block {block}")
         if name == "Verdicts":

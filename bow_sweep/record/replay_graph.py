@@ -27,7 +27,7 @@ from bow_sim import wire
 from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import HEARD, LATCHED, STREAM, has_met, publish_surely
+from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES, has_met
 from bow_sweep.supervisor import GraphError, Supervisor, tail
 
 from .expected import DONE
@@ -88,8 +88,8 @@ class _Graph:
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {
-            "bridge_force": node.create_publisher(BridgeForce, "bridge_force", STREAM),
-            "stick_slip": node.create_publisher(StickSlip, "stick_slip", STREAM),
+            "bridge_force": node.create_publisher(BridgeForce, "bridge_force", WAVES),
+            "stick_slip": node.create_publisher(StickSlip, "stick_slip", WAVES),
         }
         node.create_subscription(Health, "health", self._on_health, HEARD)
         takers = (self._on_verdicts, lambda _: None)
@@ -177,7 +177,7 @@ class _Graph:
         size = 0
         for topic, publisher in self.streams.items():
             message = self.chunks.read(self.survey.places[topic][key])
-            publish_surely(self.nodes[0], publisher, message, lambda: False)
+            publisher.publish(message)
             size += len(message)
         return size
 

@@ -17,7 +17,7 @@ from bow_sim import wire
 from bow_sim.model import ParameterError
 
 from .bag import FOLDER, BagError, BagMessage, BagWriter
-from .expected import CLOSED, Expected, read_head
+from .expected import CLOSED, Expected
 from .inventory import Answer, Inventory
 from .recover import locked, repair
 from .topics import STORED_ONCE, TOPICS, Topic
@@ -101,8 +101,8 @@ class Session:
         """Take a message that is in the bag already into the inventory."""
         self._sequence = message.sequence
         if message.topic in STORED_ONCE:
-            head = read_head(message.data)
-            self.inventory.take(message.topic, head.block, head.chunk, head.attempt, head.checksum)
+            head = wire.decode_head(STORED_ONCE[message.topic], message.data)
+            self.inventory.take(message.topic, *(head[name] for name in ("block", "chunk", "attempt", "checksum")))
         elif message.topic == "plan":
             plan = wire.decode("Plan", message.data)
             if (plan["run_id"], plan["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):

@@ -23,7 +23,7 @@ from bow_classifier.thresholds import Thresholds
 from bow_sim import wire
 from bow_sim.kernel import Block
 from bow_sim.model import Parameters
-from bow_sim.ros import LATCHED, STREAM, RCLError
+from bow_sim.ros import LATCHED, STREAM, WAVES, RCLError
 
 RUN, SWEEP, NAMESPACE = "0123456789abcdef", "fedcba9876543210", "/bow/test"
 PARAMETERS = Parameters(v_mid=0.2, periods=30)
@@ -52,8 +52,8 @@ class Graph:
         self.health: dict[str, Health] = {}
         self.plan = self.node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {
-            "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", STREAM),
-            "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", STREAM),
+            "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", WAVES),
+            "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", WAVES),
         }
         self.node.create_subscription(Verdicts, "verdicts", self.verdicts.append, STREAM, raw=True)
         self.node.create_subscription(Health, "health", lambda m: self.health.update({m.role: m}), LATCHED)

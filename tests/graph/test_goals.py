@@ -24,7 +24,7 @@ from rclpy.node import Node
 
 from bow_sim import wire
 from bow_sim.identity import fingerprint
-from bow_sim.ros import INSPECT, LATCHED, STREAM
+from bow_sim.ros import INSPECT, LATCHED, STREAM, WAVES
 from bow_sweep.plan import Sweep
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,7 +131,9 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
     """Random bytes, messages of a run that is not there, and such whose arrays don't fit."""
     kinds = {"bridge_force": BridgeForce, "stick_slip": StickSlip, "verdicts": Verdicts, "receipts": Receipt}
     latched = {"plan": Plan, "health": Health, "basin_map": BasinMap}
-    publishers = [node.create_publisher(kind, topic, STREAM) for topic, kind in kinds.items()]
+    publishers = [
+        node.create_publisher(kind, topic, WAVES if kind is BridgeForce else STREAM) for topic, kind in kinds.items()
+    ]
     latched_ones = [node.create_publisher(kind, topic, LATCHED) for topic, kind in latched.items()]
     latched_ones.append(node.create_publisher(BridgeForce, "inspect", INSPECT))
     rng = np.random.default_rng(1)

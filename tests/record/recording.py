@@ -230,7 +230,7 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip, Verdicts
     from rclpy.executors import SingleThreadedExecutor
 
-    from bow_sim.ros import LATCHED, STREAM
+    from bow_sim.ros import LATCHED, STREAM, WAVES
 
     apply_defaults()
     context = rclpy.Context()
@@ -240,7 +240,7 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     executor.add_node(node)
     made = Graph(directory, node, executor, {**os.environ, "ROS_DOMAIN_ID": str(domain)})
     for name, kind in (("bridge_force", BridgeForce), ("stick_slip", StickSlip), ("verdicts", Verdicts)):
-        made.publishers[name] = node.create_publisher(kind, name, STREAM)
+        made.publishers[name] = node.create_publisher(kind, name, STREAM if kind is Verdicts else WAVES)
     made.publishers["plan"] = node.create_publisher(Plan, "plan", LATCHED)
     node.create_subscription(
         Receipt, "receipts", lambda data: made.answers.append(wire.decode("Receipt", data)), STREAM, raw=True

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from bow_sim import wire
 from bow_sim.model import ParameterError
 from bow_sweep.record.bag import BagError, bag_files, messages
-from bow_sweep.record.expected import CLOSED, Expected, read_head
+from bow_sweep.record.expected import CLOSED, Expected
 from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import AlreadyClosedError, Session, log_name
+from bow_sweep.record.topics import STORED_ONCE
 
 SWEEP = recording.small_sweep()
 CHUNK = recording.chunks(SWEEP, 1)[2]
@@ -52,9 +53,9 @@ def test_a_chunk_is_receipted_after_it_is_in_the_file(session, tmp_path):
     assert path.stat().st_size == before
     message = session.commit(time.time_ns())
     assert path.stat().st_size > before + len(CHUNK.bridge_force)
-    heads = [read_head(data) for _, data in CHUNK.items()]
-    whole = wire.chunk_checksum(1, 2, heads[0].checksum, heads[1].checksum)
-    assert receipts(message) == [(0, 1, 2, 1, whole), (1, 1, 2, 1, heads[2].checksum)]
+    heads = [wire.decode_head(STORED_ONCE[topic], data) for topic, data in CHUNK.items()]
+    whole = wire.chunk_checksum(1, 2, heads[0]["checksum"], heads[1]["checksum"])
+    assert receipts(message) == [(0, 1, 2, 1, whole), (1, 1, 2, 1, heads[2]["checksum"])]
 
 
 def test_a_receipt_lies_in_the_chunk_of_the_file_that_it_confirms(session, tmp_path):
@@ -105,7 +106,7 @@ def test_a_duplicate_that_differs_is_answered_with_the_stored_checksum_and_named
 
 
 def changed(topic, **fields):
-    name = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}[topic]
+    name = STORED_ONCE[topic]
     return wire.encode(name, {**wire.decode(name, getattr(CHUNK, topic)), **fields})
 
 
@@ -297,9 +298,11 @@ def test_the_outline_of_a_run_is_that_of_its_plan():
 
 def test_the_head_of_a_message_is_what_wire_reads():
     for topic, data in CHUNK.items():
-        name = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}[topic]
+        name = STORED_ONCE[topic]
         values = wire.decode(name, data)
-        assert read_head(data)._asdict() == {field: values[field] for field in read_head(data)._fields}
+        head = wire.decode_head(name, data)
+        assert list(head) == [*wire.Identity._fields, "incarnation", "checksum"]
+        assert head == {field: values[field] for field in head}
 
 
 def test_the_logger_of_a_log_message_is_read_without_ros():

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from bow_sim import wire
 from bow_sweep.basin import Basin
 from bow_sweep.record.bag import METADATA, bag_files, messages
-from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED, read_head
+from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED
 from bow_sweep.record.mcapfile import McapWriter
 from bow_sweep.record.metadata import FileInfo, render
 from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.scan import Scan
+from bow_sweep.record.topics import STORED_ONCE
 from bow_sweep.record.verify import verify
 from bow_sweep.view.maps import MapFile, write_map_npz
 
@@ -168,7 +169,7 @@ def altered(tmp_path, **changes):
     run = tmp_path / "altered"
     session = recording.session(run, SWEEP)
     for topic, data in recording.everything(SWEEP):
-        name = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}[topic]
+        name = STORED_ONCE[topic]
         values = wire.decode(name, data)
         if (values["block"], values["chunk"]) == (1, 2) and topic in changes:
             data = wire.encode(name, {**values, **changes[topic](values)})  # noqa: PLW2901
@@ -220,8 +221,8 @@ def quarantined_run(run):
     """Record a sweep of which block 1 is given up after one chunk."""
     session = recording.session(run, SWEEP)
     for topic, data in recording.everything(SWEEP):
-        head = read_head(data)
-        if head.block != 1 or head.chunk == 0:
+        head = wire.decode_head(STORED_ONCE[topic], data)
+        if head["block"] != 1 or head["chunk"] == 0:
             session.take(topic, data, time.time_ns())
     states = np.array([DONE, QUARANTINED, DONE], np.uint8)
     data = recording.plan(SWEEP, CLOSED, states=states)

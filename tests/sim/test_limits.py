@@ -16,8 +16,8 @@ TOO_LARGE = [
     (["x.count=2048", "y.count=4096"], "8388608 cells"),
     (["x.count=2048", "y.count=2048", "periods=1000000"], "tests each"),
     (["block_cells=1025"], "block_cells = 1025"),
-    (["block_cells=1024", "period=4096"], "a message"),
-    (["block_cells=1024", LAGS], "looks back so far"),
+    (["block_cells=1024"], "a message; should be at most 575"),
+    (["block_cells=512", LAGS], "looks back so far"),
 ]
 
 
@@ -32,7 +32,7 @@ def test_what_is_too_large_is_named_with_the_limit(settings: list[str], message:
 
 @pytest.mark.parametrize(
     "settings",
-    [["x.count=2048", "y.count=2048"], ["block_cells=1024"], ["block_cells=128", LAGS], ["period=4096"]],
+    [["x.count=2048", "y.count=2048"], ["block_cells=512"], ["block_cells=128", LAGS], ["period=4096"]],
 )
 def test_what_is_only_large_is_not(settings: list[str]) -> None:
     assert Sweep.from_spec("", settings).cells <= MAX_CELLS

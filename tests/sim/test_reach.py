@@ -63,3 +63,12 @@ def test_the_command_for_other_machines_says_what_they_must_ask_for() -> None:
 def test_it_is_known_without_ros() -> None:
     code = "import sys, bow_sim.reach; assert not {'rclpy', 'numpy'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_messages_are_lent_with_our_profile_where_shared_memory_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reach, "_free", lambda _: reach.SHARED_ROOM)
+    assert reach.defaults({})[reach.LEND] == "1"
+    assert reach.LEND not in reach.defaults({reach.LEND: "0"})
+    assert reach.LEND not in reach.defaults({reach.PROFILE: "mine.xml"})
+    monkeypatch.setattr(reach, "_free", lambda _: reach.SHARED_ROOM - 1)
+    assert reach.defaults({})[reach.LEND] == "0"

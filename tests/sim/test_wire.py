@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bow_sim import wire
+from bow_sim import limits, wire
 
 MESSAGES = Path(__file__).parents[2] / "msg_defs" / "msg"
 DTYPES = {"uint8", "uint16", "uint32", "uint64", "float32", "float64"}
@@ -38,11 +38,13 @@ def values_of(name: str, rng: np.random.Generator, length: int) -> dict:
     """Return any values for a message; arrays of `length`."""
     values: dict = {}
     for field, kind in wire.FIELDS[name].items():
-        base = kind.removesuffix("[]")
-        if base == "string":
+        base, _, bound = kind.partition("[")
+        if kind == wire.SHORT_TEXT:
+            values[field] = "ab" * int(rng.integers(0, 9))
+        elif base == "string":
             words = ["b" * int(n) for n in rng.integers(0, 12, length)]
             values[field] = words if kind.endswith("[]") else "µ" * int(rng.integers(0, 9))
-        elif kind.endswith("[]"):
+        elif bound:
             values[field] = rng.integers(0, 200, length).astype(base)
         else:
             values[field] = int(rng.integers(0, 200))
@@ -57,8 +59,11 @@ def as_ros(name: str, values: dict) -> bytes:
     for field, value in values.items():
         owner, _, leaf = field.rpartition(".")
         target = getattr(message, owner) if owner else message
-        kind = wire.FIELDS[name][field].removesuffix("[]")
-        setattr(target, leaf, float(value) if kind.startswith("float") and not np.ndim(value) else value)
+        kind = wire.FIELDS[name][field]
+        if kind == wire.SHORT_TEXT:
+            setattr(target, leaf, np.frombuffer(value.encode().ljust(16, b"\0"), np.uint8))
+        else:
+            setattr(target, leaf, float(value) if kind.startswith("float") and not np.ndim(value) else value)
     return bytes(serialize_message(message))
 
 
@@ -181,10 +186,30 @@ def test_slip_intervals_that_cannot_be_are_refused(changes: dict, what: str) -> 
     ],
 )
 def test_a_string_that_is_none_is_refused_by_name_and_place(old: bytes, new: bytes, what: str) -> None:
-    message = wire.encode("BridgeForce", chunk()["BridgeForce"])
+    message = wire.encode("StickSlip", chunk()["StickSlip"])
     assert old in message
     with pytest.raises(wire.WireError, match=what):
-        wire.decode("BridgeForce", message.replace(old, new))
+        wire.decode("StickSlip", message.replace(old, new))
+
+
+def test_what_a_bounded_message_has_no_room_for_is_refused() -> None:
+    values = chunk()["BridgeForce"]
+    for text in ("c" * 17, "\u00b5", "c\0"):
+        with pytest.raises(wire.WireError, match=r"incarnation = .* should be 16 ASCII characters at most"):
+            wire.encode("BridgeForce", {**values, "incarnation": text})
+    with pytest.raises(wire.WireError, match="cells: 1025 values, should be 1024 at most"):
+        wire.encode("BridgeForce", {**values, "cells": np.zeros(1025)})
+    message = wire.encode("BridgeForce", values)
+    with pytest.raises(wire.WireError, match=r"run_id: .* is not ASCII"):
+        wire.decode("BridgeForce", message.replace(b"a" * 16, b"a" * 15 + b"\xff"))
+    count = len(values["cells"]).to_bytes(4, "little")
+    with pytest.raises(wire.WireError, match=r"BridgeForce\.cells: 1025 values, should be 1024 at most"):
+        wire.decode("BridgeForce", message.replace(count, (1025).to_bytes(4, "little")))
+
+
+def test_the_bound_of_the_message_is_that_of_a_chunk() -> None:
+    assert wire.FIELDS["BridgeForce"]["data"] == f"float32[<={limits.MAX_CHUNK_VALUES}]"
+    assert wire.FIELDS["BridgeForce"]["cells"] == f"uint32[<={limits.MAX_BLOCK_CELLS}]"
 
 
 def test_mismatched_bridge_force_is_refused() -> None:

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bow_sim.limits import MAX_CHUNK_VALUES
 from bow_sim.model import ParameterError
-from bow_sweep.plan import MESSAGE_VALUES, Sweep, default_block_cells, presets
+from bow_sweep.plan import Sweep, default_block_cells, presets
 
 
 def test_the_presets_are_those_of_the_paper() -> None:
@@ -44,9 +45,9 @@ def test_blocks_that_nobody_sets_are_lanes_of_the_kernel_and_messages_of_a_beara
     cells: int, adaptive: float, samples: int
 ) -> None:
     block = default_block_cells(cells, adaptive, samples)
-    assert block % 8 == 0
-    assert 8 <= block <= 512
-    assert block * samples <= MESSAGE_VALUES or block == 8
+    assert block * samples <= MAX_CHUNK_VALUES
+    assert 1 <= block <= 512
+    assert block % 8 == 0 or (block + 1) * samples > MAX_CHUNK_VALUES
 
 
 def test_the_paper_s_plane_has_sixteen_blocks_and_four_for_each_round_of_an_adaptive_sweep() -> None:

@@ -1,0 +1,95 @@
+"""The messages of the graph as tables of their fields; ``tests/sim/test_wire.py`` holds them against the .msg files."""
+
+from __future__ import annotations
+
+SHORT_TEXT = "uint8[16]"
+"""A text as an array of bytes: ASCII, 16 characters at most."""
+
+_IDENTITY = {
+    "run_id": "string",
+    "sweep_id": "string",
+    "block": "uint32",
+    "chunk": "uint32",
+    "attempt": "uint32",
+    "incarnation": "string",
+    "checksum": "uint64",
+}
+
+FIELDS: dict[str, dict[str, str]] = {
+    "BridgeForce": {
+        **{field: kind.replace("string", SHORT_TEXT) for field, kind in _IDENTITY.items()},
+        "cells": "uint32[<=1024]",
+        "first_sample": "uint32",
+        "samples": "uint32",
+        "data": "float32[<=400000]",
+    },
+    "StickSlip": {
+        **_IDENTITY,
+        "cells": "uint32[]",
+        "first_sample": "uint32",
+        "samples": "uint32",
+        "slipping": "uint8[]",
+        "offsets": "uint32[]",
+        "onset": "uint32[]",
+        "duration": "uint32[]",
+        "slip": "float64[]",
+    },
+    "Verdicts": {
+        **_IDENTITY,
+        "chunk_checksum": "uint64",
+        "classifier": "string",
+        "cells": "uint32[]",
+        "correlation": "float32[]",
+        "period": "float32[]",
+        "slips": "uint16[]",
+        "corners": "uint16[]",
+        "regime": "uint8[]",
+        "confidence": "float32[]",
+    },
+    "Receipt": {
+        "run_id": "string",
+        "sweep_id": "string",
+        "incarnation": "string",
+        "kind": "uint8[]",
+        "block": "uint32[]",
+        "chunk": "uint32[]",
+        "attempt": "uint32[]",
+        "checksum": "uint64[]",
+    },
+    "Plan": {
+        "run_id": "string",
+        "sweep_id": "string",
+        "epoch": "uint32",
+        "state": "uint8",
+        "spec.preset": "string",
+        "spec.settings": "string[]",
+        "fingerprint": "string",
+        "classifier": "string",
+        "block_states": "uint8[]",
+        "rounds": "uint8[]",
+    },
+    "BasinMap": {
+        "run_id": "string",
+        "sweep_id": "string",
+        "x_name": "string",
+        "y_name": "string",
+        "x": "float64[]",
+        "y": "float64[]",
+        "transient_periods": "float32[]",
+        "regime": "uint8[]",
+        "tests": "uint16[]",
+        "correlation": "float32[]",
+        "slips": "uint16[]",
+        "corners": "uint16[]",
+        "regime_names": "string[]",
+        "cells_done": "uint32",
+        "cells_quarantined": "uint32",
+        "cells_outstanding": "uint32",
+    },
+}
+"""Message -> its fields in order, nested messages written out with a dot."""
+
+
+def is_sealed(name: str) -> bool:
+    """Return whether a message carries its own checksum; then it was written here, to the last byte."""
+    return FIELDS[name].get("checksum") == "uint64"
