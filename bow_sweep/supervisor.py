@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -39,7 +40,7 @@ CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
 
-LOOK_S = 0.2
+LOOK_S = 0.05
 """Between two looks at what shared memory the processes have."""
 
 NAMED = 5
@@ -64,7 +65,7 @@ class Child:
     process: subprocess.Popen[bytes] | Forked
     log: Path
     started: float = field(default_factory=time.monotonic)
-    shared: set[Path] = field(default_factory=set)  # its files in shared memory, see .leftovers
+    shared: set[str] = field(default_factory=set)  # its files in shared memory, see .leftovers
     worked: bool = False  # it was ready once
 
     def ask_to_end(self) -> None:
@@ -127,7 +128,8 @@ class Supervisor:
         self._leaving: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
-        self._looked = 0.0
+        self._observer = threading.Thread(target=self._observe, name="shared memory", daemon=True)
+        self._stopped = threading.Event()
         logs.mkdir(parents=True, exist_ok=True)
         self._note = logs / "shared_memory"
         self._inherited = leftovers.noted(self._note)  # of a supervisor before us that was killed
@@ -169,16 +171,21 @@ class Supervisor:
         self.children = [child for child in self.children if child.process.returncode is None]
         for death in gone:
             leftovers.remove(death.child.shared)
-        if time.monotonic() - self._looked > LOOK_S:
-            self._look_at_shared_memory()
         return gone
 
+    def observe(self) -> None:
+        """Take note from now on of the shared memory that the processes have; this one is not to be copied any more."""
+        self._observer.start()
+
+    def _observe(self) -> None:
+        while not self._stopped.wait(LOOK_S):
+            self._look_at_shared_memory()
+
     def _look_at_shared_memory(self) -> None:
-        self._looked = time.monotonic()
         leftovers.remove(self._inherited)
-        self._inherited = {file for file in self._inherited if file.exists()}  # of some that are still dying
+        self._inherited = {file for file in self._inherited if Path(file).exists()}  # of some that are still dying
         for child in self.children:
-            child.shared |= leftovers.files_of(child.process.pid, child.shared)
+            child.shared = child.shared | leftovers.files_of(child.process.pid, child.shared)
         ours = leftovers.files_of(os.getpid(), self._noted)
         fresh = ours.union(*(child.shared for child in self.children)) - self._noted
         if fresh:
@@ -233,6 +240,9 @@ class Supervisor:
                     child.process.wait()
         self.children += self._leaving
         self._leaving = []
+        self._stopped.set()
+        if self._observer.is_alive():
+            self._observer.join()
         self.buried()
         self._look_at_shared_memory()
         self._note.unlink(missing_ok=True)

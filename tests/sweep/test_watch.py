@@ -67,7 +67,7 @@ def test_who_does_not_find_the_others_is_named_once_consumers_first() -> None:
 
 
 def test_a_note_names_segments_and_nothing_else(tmp_path: Path) -> None:
-    files = {Path("/dev/shm/fastrtps_0123456789abcdef_el"), lent_by(1234)}
+    files = {"/dev/shm/fastrtps_0123456789abcdef_el", str(lent_by(1234))}
     note = tmp_path / "note"
     assert leftovers.noted(note) == set()
     leftovers.note(note, files)
@@ -97,7 +97,7 @@ def test_what_a_process_lends_goes_with_it_and_not_before() -> None:
         others.write_bytes(b"x")
         try:
             files = leftovers.files_of(process.pid)
-            assert files == {lent_by(process.pid)}
+            assert files == {str(lent_by(process.pid))}
             assert leftovers.files_of(process.pid, files) == set()
             assert leftovers.remove(files) == 0
             process.kill()
