@@ -10,7 +10,6 @@ import resource
 import signal
 import socket
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -55,6 +54,10 @@ INSPECT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 """inspect: pictures for people; a lost one is no loss."""
 
 HEALTH_PERIOD_S = 1.0
+
+LEAVE_S = 10
+"""A node that has closed and does not get away from DDS in this time is ended by SIGALRM: where many leave at once,
+Fast DDS sometimes waits for itself, in a loop."""
 
 
 class StartupError(Exception):
@@ -175,9 +178,9 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
     interrupt_less()
     node: BowNode | None = None
     status = 0
-    stop = threading.Event()
+    told: list[int] = []  # an Event would lock itself out where two signals come at once
     for number in (signal.SIGINT, signal.SIGTERM):  # our own handlers, so that a node can say goodbye
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, lambda number, _: told.append(number))
     gc.freeze()  # what is imported stays
     gc.enable()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -185,7 +188,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
     try:
         node = make()
         executor.add_node(node)
-        while not (stop.is_set() or node.finished):
+        while not (told or node.finished):
             executor.spin_once(timeout_sec=0.1)
     except (StartupError, ParameterException) as error:
         print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
@@ -201,6 +204,8 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
             except Exception:
                 traceback.print_exc()
                 status = 1
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(LEAVE_S)
         executor.shutdown()
         if node is not None:
             node.destroy_node()
@@ -208,4 +213,5 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         node = None
         del executor
         leave()
+        signal.alarm(0)
     return status

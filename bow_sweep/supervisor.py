@@ -167,7 +167,8 @@ class Supervisor:
 
     def buried(self) -> list[Death]:
         """Return the processes that have ended since the last call; they are no longer children."""
-        gone = [Death(child, status) for child in self.children if (status := child.process.poll()) is not None]
+        ended = [(child, status) for child in self.children if (status := child.process.poll()) is not None]
+        gone = [Death(child, 0 if status == -signal.SIGALRM else status) for child, status in ended]  # see ros.LEAVE_S
         self.children = [child for child in self.children if child.process.returncode is None]
         for death in gone:
             leftovers.remove(death.child.shared)

@@ -1,0 +1,60 @@
+"""A node's life in a process of its own: it ends when told, however often, and even where DDS does not let it go."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+
+NODE = """
+import os, signal, sys, time
+from bow_sim import ros
+
+class Node(ros.BowNode):
+    def __init__(self):
+        super().__init__("nobody")
+        self.create_timer(0.1, lambda: print("lives", flush=True))
+
+    def destroy_node(self):
+        time.sleep(float(sys.argv[1]))
+        super().destroy_node()
+
+ros.LEAVE_S = 1
+"""
+
+TELL_AGAIN = """
+def tell_again(frame, event, argument):
+    if event == "call" and frame.f_code.co_name == "notify_all":
+        os.kill(os.getpid(), signal.SIGTERM)
+
+sys.setprofile(tell_again)
+"""
+"""Where a signal sets a threading.Event, another comes while that has its lock."""
+
+LIVE = 'sys.exit(ros.live(Node, ["nobody"]))'
+
+
+def start(*parts: str, hangs_s: float = 0.0) -> subprocess.Popen[bytes]:
+    """Start a node that takes so long to leave DDS; return when it lives."""
+    process = subprocess.Popen([sys.executable, "-c", "".join(parts), str(hangs_s)], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"lives\n"
+    return process
+
+
+def test_a_node_that_is_told_again_while_it_is_told_ends(ros_domain: int) -> None:
+    with start(NODE, TELL_AGAIN, LIVE) as process:
+        process.send_signal(signal.SIGINT)
+        try:
+            assert process.wait(20) == 0
+        finally:
+            process.kill()
+
+
+def test_a_node_that_dds_does_not_let_go_is_ended(ros_domain: int) -> None:
+    with start(NODE, LIVE, hangs_s=60) as process:
+        process.send_signal(signal.SIGTERM)
+        began = time.monotonic()
+        assert process.wait(20) == -signal.SIGALRM
+        assert time.monotonic() - began < 5
