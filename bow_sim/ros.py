@@ -56,8 +56,8 @@ INSPECT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 HEALTH_PERIOD_S = 1.0
 
 LEAVE_S = 10
-"""A node that has closed and does not get away from DDS in this time is ended by SIGALRM: where many leave at once,
-Fast DDS sometimes waits for itself, in a loop."""
+"""A node that has closed and does not get away from DDS in this time is ended by SIGALRM: where many leave at once, or
+one was killed with a lock in its hands, Fast DDS sometimes waits for ever."""
 
 
 class StartupError(Exception):
@@ -200,12 +200,12 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         if node is not None:
             try:
                 node.close()
+                _end_after(LEAVE_S)
                 node.become(Health.CLOSED, "left")
             except Exception:
                 traceback.print_exc()
                 status = 1
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(LEAVE_S)
+        _end_after(LEAVE_S)
         executor.shutdown()
         if node is not None:
             node.destroy_node()
@@ -213,5 +213,11 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         node = None
         del executor
         leave()
-        signal.alarm(0)
+        _end_after(0)
     return status
+
+
+def _end_after(seconds: int) -> None:
+    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(seconds)
