@@ -42,7 +42,7 @@ STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolic
 
 WAVES = QoSProfile(depth=LIMIT, reliability=ReliabilityPolicy.RELIABLE)
 """For publishers of the streams: as many are kept as credit lets be under way, so neither consumer misses any, and no
-other subscriber holds them up. For as many bridge_force has room in shared memory."""
+other subscriber stops them. For as many bridge_force has room in shared memory."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """plan, basin_map, health: a late joiner gets the latest one of every publisher."""
