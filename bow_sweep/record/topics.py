@@ -15,8 +15,10 @@ class Qos(NamedTuple):
 
 
 STREAM = Qos("keep_all", 0, "reliable", "volatile")
+"""What a bag asks for when it is played: nothing is dropped. Live streams keep the last 16, as credit bounds them."""
+
 LATCHED = Qos("keep_last", 1, "reliable", "transient_local")
-INSPECT = Qos("keep_last", 5, "best_effort", "volatile")
+INSPECT = Qos("keep_last", 3, "best_effort", "volatile")
 PLAIN = Qos("keep_last", 10, "reliable", "volatile")
 LOGS = Qos("keep_last", 1000, "reliable", "transient_local")
 
