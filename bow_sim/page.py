@@ -112,6 +112,6 @@ def save(figure: Figure, path: str | Path) -> None:
     kind = place.suffix.lower()
     options: Any = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
     if kind == ".png":
-        options["pil_kwargs"] = {"compress_level": 1}  # twice as fast, for a tenth more bytes
+        options["pil_kwargs"] = {"compress_level": 1}  # a third less time, for a tenth more bytes
     with style(), replacing(place) as file:  # the salt of an .svg's identifiers is read now
         figure.savefig(file, **options)

@@ -91,7 +91,7 @@ def cell_pixels(plane: Plane, size: tuple[int, int], dpi: float) -> tuple[float,
 def paint(ax: Axes, plane: Plane, colours: np.ndarray) -> None:
     """Fill axes with one colour a cell, (ny, nx, 3) uint8, and their ticks."""
     ny, nx = plane.shape
-    # As imshow() does it, at a third of the time: that resamples whole cells of whole dots, in floating point.
+    # The same dots as imshow() gives, which would resample them in floating point.
     ax.add_image(PcolorImage(ax, np.arange(nx + 1), np.arange(ny + 1), colours))
     ax.set(xlim=(0, nx), ylim=(0, ny))
     for direction, axis in zip((ax.xaxis, ax.yaxis), plane.axes, strict=True):

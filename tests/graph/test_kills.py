@@ -29,10 +29,8 @@ def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_pat
             files = files_of(sweep.children("simulator")[0].pid)
             sweep.kill("simulator")
             assert sweep.wait() == 0, sweep.text
-        assert {Path(file).name.partition("_")[0] for file in files} >= {
-            "fastrtps",
-            "fast",
-        }  # its segments, and what it lent
+        kinds = {Path(file).name.partition("_")[0] for file in files}
+        assert kinds >= {"fastrtps", "fast"}  # its segments, and what it lent
         assert not [file for file in files if Path(file).exists()]
         assert not [file for file in files if Path(file.removesuffix("_el")).exists()]
         assert others.exists()

@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Reader
 from bow_sim import wire
 from bow_sweep.record.bag import METADATA, bag_files
 from bow_sweep.record.schema import SchemaError, definition, type_hash
-from bow_sweep.record.topics import TOPICS, short_name
+from bow_sweep.record.topics import STORED_ONCE, TOPICS, short_name
 
 SWEEP = recording.small_sweep()
 NPM = ("@mcap/core", "@foxglove/rosmsg", "@foxglove/rosmsg2-serialization")
@@ -44,7 +44,7 @@ def continued(tmp_path_factory):
 def same_as_kernel(found, topic, names):
     """Assert that messages, as objects, are what was simulated, each chunk once, in every bit."""
     expected = {}
-    table = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}[topic]
+    table = STORED_ONCE[topic]
     for block in range(SWEEP.blocks):
         for chunk, messages in enumerate(recording.chunks(SWEEP, block)):
             expected[block, chunk] = wire.decode(table, getattr(messages, topic))
