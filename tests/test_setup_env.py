@@ -183,6 +183,52 @@ def test_an_old_python_is_told_what_would_be_right(env: ModuleType, monkeypatch:
         env.check_machine(None)
 
 
+def system_python(env: ModuleType, script: str) -> str:
+    """Put a program in the place of the system's Python."""
+    place = Path(env.ROOT, "python3")
+    place.write_text(f"#!/bin/sh\n{script}\n")
+    place.chmod(0o755)
+    env.SYSTEM_PYTHON = str(place)
+    return str(place)
+
+
+def test_the_systems_python_is_taken_where_it_is_good_and_ours_is_slow(
+    env: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(env, "optimised", lambda: False)
+    place = system_python(env, '[ "$2" = --is-good ]')
+    assert env.faster_python() == place
+    system_python(env, "exit 1")
+    assert env.faster_python() is None
+    env.SYSTEM_PYTHON = "/nowhere"
+    assert env.faster_python() is None
+    monkeypatch.setattr(env, "optimised", lambda: True)
+    system_python(env, "exit 0")
+    assert env.faster_python() is None
+
+
+def test_a_python_says_whether_it_would_do(env: ModuleType) -> None:
+    told = subprocess.run([sys.executable, SCRIPT, "--is-good"], check=False, capture_output=True, timeout=60)
+    assert told.returncode == bool(env.missing_prerequisites(None))
+
+
+@pytest.mark.parametrize(
+    ("place", "words", "fast"),
+    [
+        ("/home/me/.pyenv/versions/3.11.7/bin/python3.11", "'--enable-shared'", False),
+        ("/home/me/.pyenv/versions/3.11.7/bin/python3.11", "'--enable-optimizations' '--with-lto'", True),
+        ("/usr/bin/python3.11", "'--enable-shared'", True),
+        ("/opt/python", None, True),
+    ],
+)
+def test_a_python_knows_whether_it_was_compiled_to_be_fast(
+    env: ModuleType, monkeypatch: pytest.MonkeyPatch, place: str, words: str | None, fast: bool
+) -> None:
+    monkeypatch.setattr(env, "base_python", lambda: place)
+    monkeypatch.setattr(env.sysconfig, "get_config_var", {"CONFIG_ARGS": words}.get)
+    assert env.optimised() is fast
+
+
 def test_the_callers_ros_does_not_leak_into_the_set_up(env: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_ROS_WHEELS_BOOTSTRAP_COMPLETE", "AMENT_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH"):
         monkeypatch.setenv(name, "/opt/ros/other")

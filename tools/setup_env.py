@@ -31,6 +31,9 @@ LEAKS = (
     "PYTHONPATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION VIRTUAL_ENV PIP_PREFIX PIP_TARGET PIP_USER"
 ).split()
 
+# The system's own Python, for those whose python3 is one that was compiled at home.
+SYSTEM_PYTHON = "/usr/bin/python3"
+
 # The inputs of each part. Python sources are not among them: the installation is editable.
 INPUTS = {
     "bow_msgs": ["msg_defs"],
@@ -69,13 +72,39 @@ def missing_prerequisites(uv):
     return missing
 
 
+def base_python():
+    """The Python below any virtual environment that this one may be in."""
+    return os.path.realpath(getattr(sys, "_base_executable", None) or sys.executable)
+
+
+def optimised():
+    """Whether this Python was compiled to be fast: a sweep starts a fifth sooner. pyenv does so only if it is told."""
+    known = sysconfig.get_config_var("CONFIG_ARGS") or "--enable-optimizations"
+    return "--enable-optimizations" in known or base_python().startswith("/usr/bin/")  # a distribution's own is
+
+
+def known_version():
+    """Whether there are ROS wheels for this Python."""
+    return (3, 10) <= sys.version_info[:2] <= (3, 14)
+
+
+def faster_python():
+    """The system's Python, where it is good for .venv and this one is not optimised; None otherwise."""
+    if optimised() or not os.path.exists(SYSTEM_PYTHON):
+        return None
+    answer = subprocess.run(
+        [SYSTEM_PYTHON, os.path.abspath(__file__), "--is-good"], env=clean_environment(), check=False
+    )
+    return None if answer.returncode else SYSTEM_PYTHON
+
+
 def check_machine(uv):
     if sys.platform != "linux" or platform.machine() not in ("x86_64", "AMD64"):
         stop(
             "PyPI has the ROS wheels for Linux on x86-64 only, and this is {} on {}. With a ROS 2 Jazzy installation "
             "use the workspace route of README.md (colcon build).".format(sys.platform, platform.machine())
         )
-    if not (3, 10) <= sys.version_info[:2] <= (3, 14):
+    if not known_version():
         others = [name for name in ("python3." + str(minor) for minor in range(14, 9, -1)) if shutil.which(name)]
         advice = (
             "Type: make setup PYTHON=" + others[0] if others else "Install one, and type: make setup PYTHON=python3.X"
@@ -218,11 +247,6 @@ def link_share():
         os.symlink(target, place)
 
 
-def base_python():
-    """The Python below any virtual environment that this one may be in."""
-    return os.path.realpath(getattr(sys, "_base_executable", None) or sys.executable)
-
-
 def sync(uv, tests):
     home = {"python": base_python(), "version": platform.python_version(), "place": ROOT}
     wanted = {part: fingerprint(paths) for part, paths in INPUTS.items() if tests or part != "test tools"}
@@ -286,11 +310,20 @@ def main():
     parser = argparse.ArgumentParser(description="Make or refresh .venv.")
     parser.add_argument("--tests", action="store_true", help="with what `make test` needs")
     parser.add_argument("--this-python", action="store_true", help="with this very Python, whatever .venv has now")
+    parser.add_argument(
+        "--is-good", action="store_true", help="say by the exit status whether .venv can have this Python"
+    )
     options = parser.parse_args()
+    uv = None if os.environ.get("UV") == "no" else shutil.which("uv")
+    if options.is_good:
+        sys.exit(not known_version() or bool(missing_prerequisites(uv)))
     made_with = read_record().get("home", {}).get("python")
     if made_with and made_with != base_python() and not options.this_python and os.path.exists(made_with):
         os.execv(made_with, [made_with, *sys.argv])  # python3 may have changed its meaning; .venv is good as it is
-    uv = None if os.environ.get("UV") == "no" else shutil.which("uv")
+    faster = None if made_with or options.this_python else faster_python()
+    if faster:
+        say("{} was compiled without optimisations: taking {} (or: PYTHON=python3)".format(base_python(), faster))
+        os.execv(faster, [faster, *sys.argv])
     check_machine(uv)
     os.chdir(ROOT)
     lock = os.open(ROOT, os.O_RDONLY)  # one set-up at a time; the lock ends with this process
