@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -34,6 +34,9 @@ from bow_sweep.run import read_ledger
 PRESET = "fig11d"
 WIDTH, HEIGHT = 128, 64
 """The map of the paper."""
+
+STANDING_MAPS = 7
+"""Maps through a standing graph, of which the median is kept."""
 
 QUICK = (64, 32)
 LARGE = 16
@@ -60,18 +63,19 @@ def compute(settings: Sequence[str], number: int) -> float:
     return time.process_time() - began
 
 
-def bare_kernel(settings: Sequence[str], processes: int, repeats: int) -> dict[str, float]:
-    """Return wall and CPU seconds of a map without any graph, the run with the least wall time."""
+@contextlib.contextmanager
+def bare_kernel(settings: Sequence[str], processes: int) -> Iterator[Callable[[], dict[str, float]]]:
+    """Keep processes that compute a map without any graph whenever asked, and give wall and CPU seconds."""
     blocks = Sweep.from_spec(PRESET, settings).blocks
-    best = {"wall_s": float("inf"), "cpu_s": 0.0}
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        list(pool.map(compute, [settings] * processes, [0] * processes))  # imports and caches
-        for _ in range(repeats):
+
+        def run() -> dict[str, float]:
             began = time.perf_counter()
             cpu = sum(pool.map(compute, [settings] * blocks, range(blocks)))
-            wall = time.perf_counter() - began
-            best = min(best, {"wall_s": wall, "cpu_s": cpu}, key=lambda run: run["wall_s"])
-    return best
+            return {"wall_s": time.perf_counter() - began, "cpu_s": cpu}
+
+        list(pool.map(compute, [settings] * processes, [0] * processes))  # imports and caches
+        yield run
 
 
 def first_verdict(bag: Path) -> float:
@@ -166,15 +170,21 @@ def middle_of(runs: Iterable[dict[str, Any]], key: str) -> dict[str, Any]:
 
 
 def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) -> dict[str, Any]:
-    """Run maps through a graph that stands; return wall and CPU seconds of one, the median of all but the first.
+    """Run maps through a graph that stands, each right after the bare kernel; return one, that of the median ratio.
 
-    `blocks_s` is from the first block sent to the last one done. The CPU time is that from a goal to its result, of
-    each process, results and picture written.
+    `blocks_s` is from the first block sent to the last one done, `over_bare` its ratio to the bare kernel's wall time
+    just before: other guests of the machine slow both. The first map is left out. The CPU time is that from a goal to
+    its result, of each process, results and picture written.
     """
     namespace = f"/bow/bench_{secrets.token_hex(4)}"
     runs = []
-    with standing_graph(namespace, folder, simulators) as processes, contextlib.closing(Client(namespace)) as client:
+    with (
+        bare_kernel(settings, simulators) as bare,
+        standing_graph(namespace, folder, simulators) as processes,
+        contextlib.closing(Client(namespace)) as client,
+    ):
         for _ in range(maps + 1):
+            alone = bare()
             before = cpu_of(processes)
             began = time.perf_counter()
             result = client.sweep(PRESET, settings)
@@ -182,9 +192,10 @@ def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) 
             cpu = {name: seconds - before[name] for name, seconds in cpu_of(processes).items()}
             at = times(read_ledger(Path(result.directory)))
             blocks_s = max(at["done"]) - min(at["dispatched"])
-            runs.append({"wall_s": wall, "blocks_s": blocks_s, "cpu_s": sum(cpu.values()), "processes": cpu})
+            one = {"wall_s": wall, "blocks_s": blocks_s, "cpu_s": sum(cpu.values()), "processes": cpu}
+            runs.append(one | {"bare_kernel": alone, "over_bare": blocks_s / alone["wall_s"]})
             shutil.rmtree(result.directory)
-    return middle_of(runs[1:], "blocks_s")
+    return middle_of(runs[1:], "over_bare") | {"all_over_bare": sorted(run["over_bare"] for run in runs[1:])}
 
 
 def measure(width: int, height: int, simulators: int, repeats: int, folder: Path | None = None) -> dict[str, Any]:
@@ -196,22 +207,22 @@ def measure(width: int, height: int, simulators: int, repeats: int, folder: Path
         if free < cells * BYTES_A_CELL:
             return result | {"skipped": f"{made} has {free / 1e9:.0f} GB, not {cells * BYTES_A_CELL / 1e9:.0f}"}
         print(f"graph: {width} x {height} cells, {simulators} simulators", file=sys.stderr, flush=True)
-        result["bare_kernel"] = bare_kernel(size_settings(width, height), simulators, repeats)
+        with bare_kernel(size_settings(width, height), simulators) as bare:
+            result["bare_kernel"] = min((bare() for _ in range(repeats)), key=lambda run: run["wall_s"])
         runs = []
         for number in range(repeats):
             run = Path(made) / f"run{number}"
             runs.append(graph(width, height, simulators, run))
             shutil.rmtree(run)
-        kept = standing(size_settings(width, height), simulators, max(repeats, 2), Path(made))
+        kept = standing(size_settings(width, height), simulators, STANDING_MAPS, Path(made))
     middle = middle_of(runs, "wall_s")
     result["graph"], result["standing"] = middle, kept
     result["all_walls_s"] = sorted(one["wall_s"] for one in runs)
-    bare = result["bare_kernel"]
+    alone = result["bare_kernel"]
     result["over_bare"] = {
-        "blocks": middle["blocks_s"] / bare["wall_s"],
-        "wall": middle["wall_s"] / bare["wall_s"],
-        "cpu": middle["cpu_s"] / bare["cpu_s"],
-        "standing_blocks": kept["blocks_s"] / bare["wall_s"],
+        "blocks": middle["blocks_s"] / alone["wall_s"],
+        "wall": middle["wall_s"] / alone["wall_s"],
+        "cpu": middle["cpu_s"] / alone["cpu_s"],
     }
     return result
 

@@ -31,7 +31,8 @@ MEANING = {
     "yardstick, not a peer.",
     "graph": "`bow sweep fig11d` as a user starts it, dashboard file and all, against the bare kernel in as many "
     "processes, which keeps nothing. RSS counts shared pages in each process, PSS shares them out. A standing "
-    "graph has its nodes started before, and gets one goal after the other.",
+    "graph has its nodes started before, and gets one goal after the other, the bare kernel a map of its own before "
+    "each; given is the map with the median ratio.",
     "memory": "Maps in a row through one graph that is kept, as `ros2 run bow ...` starts it; resident memory of each "
     "process.",
 }
@@ -104,11 +105,11 @@ def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
         yield Row("graph", "  CPU", f"{graph['cpu_s']:.2f} s", beside)
         yield Row("graph", "  peak of all, RSS/PSS", f"{graph['peak_rss_mb']:.0f}/{graph['peak_pss_mb']:.0f} MB")
         kept = one["standing"]
-        beside = (
-            f"{over['standing_blocks']:.1f} times the bare kernel's wall time; goal to result {kept['wall_s']:.2f} s"
-        )
+        alone, spread = kept["bare_kernel"], kept["all_over_bare"]
+        beside = f"{kept['over_bare']:.2f} times the bare kernel's {alone['wall_s']:.2f} s just before, the median of "
+        beside += f"{spread[0]:.2f} ... {spread[-1]:.2f}; goal to result {kept['wall_s']:.2f} s"
         yield Row("graph", "  standing graph: first block sent to last done", f"{kept['blocks_s']:.2f} s", beside)
-        beyond = f"{kept['cpu_s'] - bare['cpu_s']:.2f} s beyond the bare kernel: "
+        beyond = f"{kept['cpu_s'] - alone['cpu_s']:.2f} s beyond the bare kernel: "
         beside = beyond + ", ".join(f"{name} {cpu:.2f}" for name, cpu in kept["processes"].items())
         yield Row("graph", "  standing graph: CPU", f"{kept['cpu_s']:.2f} s", beside)
         for process, use in graph["processes"].items():

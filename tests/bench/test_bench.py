@@ -80,9 +80,10 @@ def test_processes_are_found_and_named_whoever_started_them() -> None:
 
 @pytest.mark.usefixtures("ros_domain")
 def test_a_map_through_a_standing_graph_is_measured_process_by_process(tmp_path: Path) -> None:
-    one = graph.standing(["x.count=4", "y.count=2", "periods=20"], 1, 1, tmp_path)
+    one = graph.standing(["x.count=4", "y.count=2", "periods=20"], 1, 2, tmp_path)
     assert one["processes"].keys() == {"coordinator", "recorder", "classifier", "dashboard", "simulator_1"}
     assert 0 < one["blocks_s"] < one["wall_s"]
+    assert one["over_bare"] == one["blocks_s"] / one["bare_kernel"]["wall_s"] == one["all_over_bare"][0]
     assert not list((tmp_path / "runs").iterdir())
 
 
@@ -122,8 +123,11 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
                     "wall_s": 1.0, "plan_to_last_block_s": 1.0, "cells_per_s": 8.0, "cpu_s": 1.0, "stages_s": stages,
                     "peak_rss_mb": 1.0, "peak_pss_mb": 1.0, "processes": {"recorder": used},
                 },
-                "standing": {"wall_s": 1.0, "blocks_s": 1.0, "cpu_s": 4.0, "processes": {"recorder": 4.0}},
-                "over_bare": {"blocks": 1.0, "cpu": 1.0, "standing_blocks": 3.5},
+                "standing": {
+                    "wall_s": 1.0, "blocks_s": 1.0, "cpu_s": 4.0, "processes": {"recorder": 4.0},
+                    "bare_kernel": {"wall_s": 1.0, "cpu_s": 1.0}, "over_bare": 3.5, "all_over_bare": [3.4, 3.5, 3.6],
+                },
+                "over_bare": {"blocks": 1.0, "cpu": 1.0},
             },
         ],
         "memory": {"failed": "no answer"},
