@@ -83,8 +83,9 @@ def _add_run_commands(commands: Any) -> None:
     verify = commands.add_parser(
         "verify",
         help="account for everything in a run's bag",
-        description="Account for every cell, chunk, sample and checksum of a run's bag and derive its verdicts again. "
-        "Prints JSON. Exit status 0 only if all of it holds; otherwise `problems` names run, block and chunk.",
+        description="Account for every cell, chunk, sample and checksum of a run's bag and derive its verdicts again; "
+        "hold map.npz, report.json and ledger.jsonl against them. Prints JSON. "
+        "Exit status 0 only if all of it holds; otherwise `problems` names run, file, block and chunk.",
     )
     verify.set_defaults(run=_verify)
     replay = commands.add_parser(

@@ -259,8 +259,6 @@ class Run:
 
     def report(self, basin: Basin, wall_seconds: float, extra: Mapping[str, Any]) -> dict[str, Any]:
         """Write report.json and return what it says."""
-        length = np.nan_to_num(self.transient_periods(basin))
-        counts = basin.regime_counts()
         report = {
             "run_id": self.run_id,
             "sweep_id": self.sweep.sweep_id,
@@ -275,9 +273,7 @@ class Run:
             "quarantined_blocks": {str(block): why for block, why in self.quarantined.items()},
             "attempts": sum(block.attempt for block in self.ledger.blocks),
             "epoch": self.ledger.epoch,
-            "helmholtz_fraction": float(np.mean(length > 0)),
-            "median_transient_periods": float(np.median(length[length > 0])) if length.any() else None,
-            "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},
+            **findings(self.transient_periods(basin), basin.latest("regime")[self.done()]),
             "wall_seconds": wall_seconds,
             "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
             "versions": _versions(),
@@ -292,6 +288,25 @@ class Run:
         """Give up the lock and the ledger file."""
         self._file.close()
         os.close(self._lock)
+
+
+def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, Any]:
+    """Return what a report says of a map.
+
+    Parameters
+    ----------
+    transient_periods
+        (ny, nx) as the map is left: NaN where not done, predicted where an adaptive sweep does not go.
+    regimes
+        (cells that are done,) codes at the last test.
+    """
+    length = np.nan_to_num(transient_periods)
+    counts = np.bincount(regimes, minlength=len(REGIMES))[: len(REGIMES)]
+    return {
+        "helmholtz_fraction": float(np.mean(length > 0)),
+        "median_transient_periods": float(np.median(length[length > 0])) if length.any() else None,
+        "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},
+    }
 
 
 def _round(blocks: Blocks) -> dict[str, Any]:

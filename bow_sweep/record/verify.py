@@ -5,7 +5,6 @@ The recorded streams are the ground: verdicts, receipts, plan, map and ledger ar
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from bow_classifier.regimes import is_helmholtz
-from bow_sim.files import read_arrays
-from bow_sim.model import CHUNK_PERIODS, ParameterError
+from bow_sim.model import ParameterError
 from bow_sim.wire import RECEIPT_STREAMS, RECEIPT_VERDICTS
-from bow_sweep.adaptive import fill, next_round, within_budget
+from bow_sweep.adaptive import next_round, within_budget
 
 from .bag import FOLDER, BagError, bag_of
+from .beside import Beside, transient_lengths
 from .expected import CLOSED, DONE, QUARANTINED, Expected
 from .replay import differing, rejudge, task_of
 from .survey import Chunks, Key, Progress, Survey
@@ -91,9 +90,8 @@ class _Accounts:
             self._block(block)
         self._receipts()
         self._judge(progress)
-        self._map(run_directory / "map.npz")
         self._rounds()
-        self._ledger(run_directory / "ledger.jsonl")
+        Beside(run_directory, survey, expected, self.states, self.complete).check()
         sizes = np.array([expected.planned.size(block) for block in range(expected.blocks)])
         quarantined = np.array([state == QUARANTINED for state in self.states])
         return {
@@ -200,53 +198,7 @@ class _Accounts:
         except (BagError, OSError) as error:
             self.problem(str(error), block=block)
 
-    # ---- what lies beside the bag
-
-    def _map(self, path: Path) -> None:
-        """map.npz says of every cell what the verdicts in the bag say, and of one not simulated what these predict."""
-        if not path.is_file():
-            return
-        try:
-            given = read_arrays(path)
-        except (OSError, ValueError) as error:
-            self.problem(f"cannot be read: {error}", file=path.name)
-            return
-        expected = self.expected
-        layers = self.survey.layers()
-        done = expected.planned.cells_of(np.flatnonzero(self.complete))
-        cells, others = np.flatnonzero(done), np.flatnonzero(~done)
-        passed = is_helmholtz(layers["regime"])
-        length = np.where(done, _lengths(passed), np.float32(np.nan))
-        if expected.planned.adaptive:
-            predicted = fill(length.reshape(expected.shape)).ravel()
-            length = np.where(expected.planned.planned, length, predicted)
-        last = layers["regime"][-1].copy()
-        last[others] = 255
-        right = {"transient_periods": length, "regime": last, "helmholtz": passed}
-        right |= {name: layers[name] for name in ("correlation", "period", "slips", "corners")}
-        history = {"regimes": layers["regime"], "confidence": layers["confidence"]}  # maps of old have none
-        right |= {name: values for name, values in history.items() if name in given}
-        right |= {"simulated": done} if expected.planned.adaptive else {}
-        for name, values in right.items():
-            if name not in given:
-                self.problem(f"holds no {name}", file=path.name)
-                continue
-            if given[name].size != values.size:
-                self.problem(f"{name} has {given[name].size} values, should have {values.size}", file=path.name)
-                continue
-            if given[name].dtype != values.dtype:
-                self.problem(f"{name} is {given[name].dtype}, should be {values.dtype}", file=path.name)
-                continue
-            mine, its = values, given[name].reshape(values.shape)
-            if values.ndim > 1:
-                mine, its = values[:, cells], its[:, cells]
-            unlike = (mine != its) & ~(np.isnan(mine) & np.isnan(its))
-            if unlike.any():
-                cell = int(np.flatnonzero(unlike.reshape(-1, unlike.shape[-1]).any(axis=0))[0])
-                cell = int(cells[cell]) if values.ndim > 1 else cell
-                what = f"{name} is not what the verdicts say, in {int(unlike.sum())} places, first at cell {cell}"
-                blocks = (n for n in range(expected.blocks) if cell in expected.block(n))
-                self.problem(what, file=path.name, block=next(blocks, None))
+    # ---- the rounds of an adaptive sweep
 
     def _rounds(self) -> None:
         """Note where the rounds of an adaptive sweep are not what the verdicts before them ask for, here and now."""
@@ -255,7 +207,7 @@ class _Accounts:
             return
         budget = within_budget(expected.adaptive, expected.cells)
         done = planned.cells_of(np.flatnonzero(self.complete))
-        length = np.where(done, _lengths(is_helmholtz(self.survey.layers()["regime"])), np.nan)
+        length = np.where(done, transient_lengths(is_helmholtz(self.survey.layers()["regime"])), np.nan)
         tried = np.zeros(expected.cells, bool)
         for number, cells in enumerate([*planned.rounds, np.zeros(0, np.uint32)], 1):
             known = np.where(tried, length, np.nan).reshape(expected.shape)
@@ -264,35 +216,5 @@ class _Accounts:
                 return
             tried[cells] = True
 
-    def _ledger(self, path: Path) -> None:
-        """ledger.jsonl names the same run, and the same blocks as done and quarantined."""
-        if not path.is_file():
-            return
-        states: dict[int, int] = {}
-        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):
-            try:
-                entry = json.loads(line)
-                event, block = str(entry.get("event")), entry.get("block")
-            except (ValueError, AttributeError, RecursionError):
-                self.problem(f"line {number} is no entry", file=path.name)
-                continue
-            if event == "planned":
-                for name in ("run_id", "sweep_id"):
-                    if entry.get(name) != getattr(self.expected, name):
-                        self.problem(f"{name} is {entry.get(name)!r}: another run's", file=path.name)
-            if isinstance(block, int):
-                states[block] = _EVENTS.get(event, states.get(block, 0))
-        for block in range(self.expected.blocks):
-            if states.get(block, 0) != self.states[block]:
-                said, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
-                self.problem(f"the ledger says {said}, the plan in the bag {planned}", block=block, file=path.name)
-
-
-def _lengths(passed: np.ndarray) -> np.ndarray:
-    """Return the transient lengths, (cells,) float32, from which tests passed, (tests, cells)."""
-    return np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
-
 
 _KINDS = {RECEIPT_STREAMS: "streams", RECEIPT_VERDICTS: "verdicts"}
-_EVENTS = {"done": DONE, "quarantined": QUARANTINED, "reopened": 0}
-_STATES = {0: "outstanding", DONE: "done", QUARANTINED: "quarantined"}

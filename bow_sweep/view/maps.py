@@ -135,8 +135,8 @@ class MapFile(Plane):
         )
 
 
-def write_map_npz(path: str | Path, result: MapFile) -> None:
-    """Write a map; readers see the old file or the new one, never half of it.
+def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
+    """Return the arrays that ``map.npz`` holds of a map, by name.
 
     The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
     `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY`
@@ -172,6 +172,18 @@ def write_map_npz(path: str | Path, result: MapFile) -> None:
     for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
         # the parameter `period` shares its name with a test; its axis is stored as axis_period
         arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
+    return arrays
+
+
+def write_map_npz(path: str | Path, result: MapFile) -> None:
+    """Write the arrays of a map; readers see the old file or the new one, never half of it.
+
+    Raises
+    ------
+    MapFileError
+        Where the shapes do not fit each other.
+    """
+    arrays = map_arrays(result)
     with replacing(path) as file:
         np.savez(file, allow_pickle=False, **arrays)  # 3 MB; compressing costs half as much as the kernel
 

@@ -74,6 +74,8 @@ class Targets:
         self.presets = room / "presets"
         self.presets.mkdir()
         self.texts = {path.name: path.read_bytes() for path in (plans.preset_directory() / "presets").glob("*.yaml")}
+        self.finished = recording.leave_all(recording.record(room / "finished", SWEEP), SWEEP)
+        self.left = {name: (self.finished / name).read_bytes() for name in ("ledger.jsonl", "map.npz", "report.json")}
         run = Run.create(room / "ledgers", recording.RUN, SWEEP)
         run.close()
         self.planned = json.loads((room / "ledgers" / "ledger.jsonl").read_bytes())
@@ -93,6 +95,7 @@ class Targets:
             "map": (4, self.map_file),
             "scan": (6, self.scan),
             "bag": (1, self.damaged_run),
+            "beside": (2, self.beside_the_bag),
         }
 
     def check_room(self) -> None:
@@ -290,6 +293,22 @@ class Targets:
         size = sum(len(message.data) for message in scan.messages())
         assert size <= 2 * scan.size
         assert not [damage for damage in scan.damage if "MemoryError" in damage.what]
+
+    def beside_the_bag(self, chance: Chance) -> None:
+        """What lies beside a bag is held against it, whatever it has become."""
+        name = chance.choice(sorted(self.left))
+        data = mutated(chance, self.left[name])
+        if name == "report.json" and chance.random() < 0.7:
+            report = json.loads(self.left[name])
+            report[chance.choice(sorted(report))] = odd_json(chance)
+            data = json.dumps(report).encode()
+        elif name == "map.npz" and chance.random() < 0.5:
+            data = odd_archive(chance, self.left[name])
+        (self.finished / name).write_bytes(data)
+        result = verify(self.finished)
+        (self.finished / name).write_bytes(self.left[name])
+        assert result["ok"] == (not result["problems"]) and (result["ok"] or data != self.left[name])
+        assert {problem["file"] for problem in result["problems"]} <= {name}
 
     def damaged_run(self, chance: Chance) -> None:
         """Every command on a run comes to an end, and says what is wrong; bytes that are changed are always seen."""

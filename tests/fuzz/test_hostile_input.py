@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 CASES = 40
 """Times a target's share: some 4200 cases in all, and many more in `python -m bench.fuzz`."""
 
-NAMES = ("goal", "plan", "wire", "block", "answers", "stream", "preset", "ledger", "map", "scan", "bag")
+NAMES = ("goal", "plan", "wire", "block", "answers", "stream", "preset", "ledger", "map", "scan", "bag", "beside")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
 from bow_sim import wire
 from bow_sim.blocks import Blocks
+from bow_sim.identity import fingerprint
 from bow_sim.kernel import Block
 from bow_sim.reach import apply_defaults
 from bow_sweep.plan import Sweep
@@ -65,7 +66,7 @@ def plan(
             "state": state,
             "spec.preset": "",
             "spec.settings": sweep.settings(),
-            "fingerprint": "test",
+            "fingerprint": fingerprint(),
             "classifier": sweep.thresholds.hash,
             "block_states": np.zeros(sweep.blocks, np.uint8) if states is None else states,
             "rounds": sweep.first_blocks.announce() if rounds is None else rounds,
@@ -124,6 +125,26 @@ def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:
     data = plan(sweep, CLOSED, epoch, np.full(sweep.blocks, DONE, np.uint8))
     open_session.plan(wire.decode("Plan", data), data, time.time_ns())
     open_session.close(time.time_ns())
+
+
+def leave_all(directory: Path, sweep: Sweep, quarantined: Collection[int] = ()) -> Path:
+    """Leave beside a recorded bag what a coordinator leaves there; return the directory."""
+    from bow_sweep.ledger import State
+    from bow_sweep.results import MAP, load_basin, map_of, playability_of
+    from bow_sweep.run import Run
+    from bow_sweep.view.maps import write_map_npz
+
+    run = Run.create(directory, RUN, sweep)
+    for number, block in enumerate(run.ledger.blocks):
+        block.state = State.QUARANTINED if number in quarantined else State.DONE
+        run.record([{"event": "dispatched", "block": number, "attempt": 1}])
+        run.record([{"event": block.state.value, "block": number, "why": "poison"}])
+    run.quarantined = dict.fromkeys(quarantined, "poison")
+    basin = load_basin(directory, sweep)
+    write_map_npz(directory / MAP, map_of(run, basin))
+    run.report(basin, 1.0, {"playability": playability_of(run, basin)})
+    run.close()
+    return directory
 
 
 def record(directory: Path, sweep: Sweep, commit_every: int = 7) -> Path:

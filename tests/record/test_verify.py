@@ -10,16 +10,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bow_sim import wire
-from bow_sweep.basin import Basin
 from bow_sweep.record.bag import METADATA, bag_files, messages
 from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED
 from bow_sweep.record.mcapfile import McapWriter
 from bow_sweep.record.metadata import FileInfo, render
-from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.scan import Scan
 from bow_sweep.record.topics import STORED_ONCE
 from bow_sweep.record.verify import verify
-from bow_sweep.view.maps import MapFile, write_map_npz
 
 SWEEP = recording.small_sweep()
 
@@ -236,60 +233,6 @@ def test_a_quarantined_block_is_named_and_the_rest_is_accounted_for(tmp_path):
     assert result["ok"], whats(result)
     assert result["quarantined_blocks"] == [1]
     assert (result["cells"], result["cells_quarantined"], result["cells_planned"]) == (7, 5, 12)
-
-
-def basin_of(run):
-    layers = load_verdicts(run)
-    basin = Basin(SWEEP.x.count, SWEEP.y.count, SWEEP.chunks)
-    for test in range(SWEEP.chunks):
-        cells = np.flatnonzero(layers["tested"][test])
-        basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})
-    return basin
-
-
-def test_the_map_is_held_against_the_verdicts(run):
-    write_map_npz(run / "map.npz", MapFile.of(SWEEP, basin_of(run), recording.RUN))
-    assert verify(run)["ok"], whats(verify(run))
-    for name, place in (("transient_periods", (1, 2)), ("regime", (0, 0)), ("correlation", (3, 2, 1))):
-        with np.load(run / "map.npz") as file:
-            arrays = dict(file)
-        right = arrays[name].copy()
-        arrays[name][place] += 1
-        np.savez(run / "map.npz", **arrays)
-        result = verify(run)
-        cell = place[-2] * 4 + place[-1]
-        assert f"{name} is not what the verdicts say, in 1 places, first at cell {cell}" in whats(result)
-        np.savez(run / "map.npz", **{**arrays, name: right})
-    (run / "map.npz").write_bytes(b"rubbish")
-    assert "cannot be read" in whats(verify(run))
-
-
-def test_a_map_is_grey_where_a_block_was_given_up(tmp_path):
-    run = tmp_path / "run"
-    quarantined_run(run)
-    grey = np.zeros(12, bool)
-    grey[5:10] = True
-    write_map_npz(run / "map.npz", MapFile.of(SWEEP, basin_of(run), recording.RUN, grey))
-    assert verify(run)["ok"], whats(verify(run))
-
-
-def test_the_ledger_is_held_against_the_bag(run):
-    lines = [{"event": "planned", "run_id": recording.RUN, "sweep_id": SWEEP.sweep_id}]
-    for block in range(3):
-        lines += [{"event": "dispatched", "block": block}, {"event": "done", "block": block}]
-    ledger = run / "ledger.jsonl"
-
-    def write(entries, tail=""):
-        ledger.write_text("".join(json.dumps(line) + "\n" for line in entries) + tail)
-
-    write(lines, tail='{"event": "disp')  # cut off by a crash
-    assert verify(run)["ok"], whats(verify(run))
-    write(lines[:-1])
-    assert "the ledger says outstanding, the plan in the bag done" in whats(verify(run))
-    write([{**lines[0], "run_id": "f" * 16}, *lines[1:]])
-    assert "another run's" in whats(verify(run))
-    ledger.write_text("rubbish\n" + ledger.read_text())
-    assert "line 1 is no entry" in whats(verify(run))
 
 
 def test_what_is_no_run_is_said_to_be_none(tmp_path):
