@@ -200,12 +200,12 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         if node is not None:
             try:
                 node.close()
-                _end_after(LEAVE_S)
+                end_after(LEAVE_S)
                 node.become(Health.CLOSED, "left")
             except Exception:
                 traceback.print_exc()
                 status = 1
-        _end_after(LEAVE_S)
+        end_after(LEAVE_S)
         executor.shutdown()
         if node is not None:
             node.destroy_node()
@@ -213,11 +213,11 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         node = None
         del executor
         leave()
-        _end_after(0)
+        end_after(0)
     return status
 
 
-def _end_after(seconds: int) -> None:
+def end_after(seconds: int) -> None:
     """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(seconds)

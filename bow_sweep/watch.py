@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from bow_classifier.regimes import REGIMES
 from bow_sim import wire
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import CONSUMERS, HEARD, LATCHED, BowNode, leave
+from bow_sim.ros import CONSUMERS, HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 
 from .display import Display, Progress
 from .supervisor import Death, GraphError, Supervisor, tail
@@ -122,6 +122,7 @@ def watch(supervisor: Supervisor, display: Display) -> None:
         _live(supervisor, display)
     finally:
         leave()
+        end_after(0)
 
 
 def _live(supervisor: Supervisor, display: Display) -> None:
@@ -135,6 +136,7 @@ def _live(supervisor: Supervisor, display: Display) -> None:
         executor.add_node(node)
         _watch(supervisor, node, executor, display)
     finally:
+        end_after(LEAVE_S)
         executor.shutdown()
         if node is not None:
             node.destroy_node()

@@ -6,6 +6,11 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+
+from graph import orphans
+
+from bow_sweep.record.verify import verify
 
 NODE = """
 import os, signal, sys, time
@@ -58,3 +63,24 @@ def test_a_node_that_dds_does_not_let_go_is_ended(ros_domain: int) -> None:
         began = time.monotonic()
         assert process.wait(20) == -signal.SIGALRM
         assert time.monotonic() - began < 5
+
+
+SWEEP = """
+import sys, time
+from bow_sweep import cli, watch
+
+watch.LEAVE_S = 1
+watch.SupervisorNode.destroy_node = lambda self: time.sleep(60)
+sys.exit(cli.main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "20", "--out", sys.argv[1]]))
+"""
+
+
+def test_a_sweep_that_dds_does_not_let_go_is_ended_with_all_its_processes(ros_domain: int, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with subprocess.Popen([sys.executable, "-c", SWEEP, str(run)]) as process:
+        assert process.wait(60) == -signal.SIGALRM
+    deadline = time.monotonic() + 15
+    while left := orphans(run):
+        assert time.monotonic() < deadline, left
+        time.sleep(0.1)
+    assert verify(run)["ok"]
