@@ -13,7 +13,7 @@ import numpy as np
 from bow_classifier.playability import playability
 from bow_classifier.regimes import REGIMES, is_helmholtz
 from bow_sim.files import read_arrays
-from bow_sim.model import CHUNK_PERIODS
+from bow_sim.model import CHUNK_PERIODS, ParameterError
 from bow_sweep.adaptive import fill
 from bow_sweep.plan import Sweep
 from bow_sweep.run import LEDGER, REPORT, findings
@@ -69,12 +69,17 @@ class Beside:
         ledger, arrays, report = (self.directory / name for name in (LEDGER, MAP, REPORT))
         if ledger.is_file():
             self._ledger(ledger)
-        if arrays.is_file() or report.is_file():
+        if not (arrays.is_file() or report.is_file()):
+            return
+        try:
             result = self._map()
-            if arrays.is_file():
-                self._arrays(arrays, result)
-            if report.is_file():
-                self._report(report, result)
+        except ParameterError as error:
+            self.survey.problem(f"the plan makes no map: {error}")
+            return
+        if arrays.is_file():
+            self._arrays(arrays, result)
+        if report.is_file():
+            self._report(report, result)
 
     def _problem(self, path: Path, what: str, block: int | None = None) -> None:
         self.survey.problem(what, file=path.name, **({} if block is None else {"block": block}))

@@ -8,6 +8,8 @@ import pytest
 from recording import leave_all
 from test_verify import SWEEP, quarantined_run, whats
 
+from bow_sim.model import ParameterError
+from bow_sweep.plan import Sweep
 from bow_sweep.record.beside import LEDGER, MAP, REPORT
 from bow_sweep.record.verify import verify
 
@@ -85,6 +87,16 @@ def test_cells_of_a_block_given_up_may_hold_what_was_known_of_them_but_no_length
     arrays["transient_periods"].flat[7] = 5
     np.savez(tmp_path / MAP, **arrays)
     assert "transient_periods is not what the verdicts say, in 1 places, first at cell 7" in problems(tmp_path)
+
+
+def test_a_plan_that_makes_no_map_is_said_to_make_none(run, monkeypatch):
+    leave_all(run, SWEEP)
+
+    def refuse(*_):
+        raise ParameterError("no such sweep")
+
+    monkeypatch.setattr(Sweep, "from_spec", refuse)
+    assert problems(run) == "the plan makes no map: no such sweep"
 
 
 def changed_report(run: Path, change) -> str:
