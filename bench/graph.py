@@ -36,7 +36,7 @@ WIDTH, HEIGHT = 128, 64
 """The map of the paper."""
 
 STANDING_MAPS = 7
-"""Maps through a standing graph, of which the median is kept."""
+"""Maps of the paper's size through a standing graph, of which the median is kept."""
 
 QUICK = (64, 32)
 LARGE = 16
@@ -214,7 +214,7 @@ def measure(width: int, height: int, simulators: int, repeats: int, folder: Path
             run = Path(made) / f"run{number}"
             runs.append(graph(width, height, simulators, run))
             shutil.rmtree(run)
-        kept = standing(size_settings(width, height), simulators, STANDING_MAPS, Path(made))
+        kept = standing(size_settings(width, height), simulators, STANDING_MAPS if repeats > 1 else 2, Path(made))
     middle = middle_of(runs, "wall_s")
     result["graph"], result["standing"] = middle, kept
     result["all_walls_s"] = sorted(one["wall_s"] for one in runs)
