@@ -111,10 +111,21 @@ def test_what_a_process_lends_goes_with_it_and_not_before() -> None:
             lent_by(process.pid).unlink(missing_ok=True)
 
 
+PATIENT = """
+import signal, time
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # where the tests run in the background, it is ignored
+print("listens", flush=True)
+time.sleep(60)
+"""
+
+
 def test_those_released_end_and_are_not_taken_for_dead(tmp_path: Path) -> None:
     supervisor = Supervisor("/bow/x", tmp_path, {})
     for name in ("simulator_1", "simulator_2", "recorder"):
-        process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"], stderr=subprocess.DEVNULL)
+        process = subprocess.Popen([sys.executable, "-c", PATIENT], stdout=subprocess.PIPE)
+        assert process.stdout
+        with process.stdout as output:
+            assert output.readline() == b"listens\n"
         supervisor.children.append(Child(name.partition("_")[0], name, process, tmp_path / f"{name}.log"))
     simulators = supervisor.children[:2]
     supervisor.release(("simulator",))
