@@ -182,11 +182,12 @@ class Supervisor:
         self._observer.start()
 
     def _observe(self) -> None:
-        pause = LOOK_EARLY_S
-        while not self._stopped.wait(pause):
+        while not self._stopped.wait(self._pause()):
             self._look_at_shared_memory()
-            youngest = max((child.started for child in self.children), default=0.0)
-            pause = LOOK_EARLY_S if time.monotonic() - youngest < EARLY_S else LOOK_S
+
+    def _pause(self) -> float:
+        early = any(time.monotonic() - child.started < EARLY_S for child in self.children)
+        return LOOK_EARLY_S if early else LOOK_S
 
     def _look_at_shared_memory(self) -> None:
         leftovers.remove(self._inherited)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,15 +17,15 @@ from bow_sim.files import read_arrays
 from bow_sim.model import CHUNK_PERIODS, ParameterError
 from bow_sweep.adaptive import fill
 from bow_sweep.plan import Sweep
+from bow_sweep.results import MAP
 from bow_sweep.run import LEDGER, REPORT, findings
+from bow_sweep.view.layers import PENDING
 from bow_sweep.view.maps import DERIVED, HISTORY, TESTS, MapFile, map_arrays
 
 from .expected import DONE, QUARANTINED, Expected
 
 if TYPE_CHECKING:
     from .survey import Survey
-
-MAP = "map.npz"
 
 MOST_SHOWN = 200
 """Characters of a value that a problem quotes."""
@@ -54,15 +55,18 @@ class Beside:
         Of the run. A file that is not there is no problem: the bag alone is the record.
     states
         Of the blocks, as the last plan in the bag says.
-    complete
-        (blocks,) bool: done, and every chunk is there.
+    done
+        (cells,) bool: in blocks that are done, with every chunk there.
+    counts
+        What :func:`.verify.verify` counted in the bag.
     """
 
     directory: Path
     survey: Survey
     expected: Expected
     states: list[int]
-    complete: np.ndarray
+    done: np.ndarray
+    counts: Mapping[str, Any]
 
     def check(self) -> None:
         """Look at every file."""
@@ -93,13 +97,15 @@ class Beside:
     # ---- the map
 
     def _map(self) -> MapFile:
-        """Return the map that the verdicts in the bag make; grey is what is not done, whatever is known of it."""
+        """Return the map that the verdicts in the bag make; grey is what is not done, whatever is known of it.
+
+        It does without the coordinator's :class:`~bow_sweep.basin.Basin`, so that an error there would show.
+        """
         expected, layers = self.expected, self.survey.layers()
         plan = self._plan()
         sweep = Sweep.from_spec("", plan["settings"])
-        done = self._done()
         passed = is_helmholtz(layers["regime"])
-        length = np.where(done, transient_lengths(passed), np.float32(np.nan)).reshape(expected.shape)
+        length = np.where(self.done, transient_lengths(passed), np.float32(np.nan)).reshape(expected.shape)
         if expected.planned.adaptive:
             length = np.where(expected.planned.planned.reshape(expected.shape), length, fill(length))
         cube = (expected.chunks, *expected.shape)
@@ -115,16 +121,12 @@ class Beside:
             regime_names=tuple(REGIMES),
             test_periods=np.arange(1, expected.chunks + 1) * CHUNK_PERIODS,
             transient_periods=length,
-            regime=np.where(done, layers["regime"][-1], np.uint8(255)).reshape(expected.shape),
-            simulated=done.reshape(expected.shape) if expected.planned.adaptive else None,
+            regime=np.where(self.done, layers["regime"][-1], np.uint8(PENDING)).reshape(expected.shape),
+            simulated=self.done.reshape(expected.shape) if expected.planned.adaptive else None,
             helmholtz=passed.reshape(cube),
             regimes=layers["regime"].reshape(cube),
             **tests,
         )
-
-    def _done(self) -> np.ndarray:
-        """Return which cells are in complete blocks, (cells,)."""
-        return self.expected.planned.cells_of(np.flatnonzero(self.complete))
 
     def _arrays(self, path: Path, result: MapFile) -> None:
         """Every array of map.npz is what it should be; of what is tested, where the cells are done."""
@@ -133,7 +135,6 @@ class Beside:
         except (OSError, ValueError) as error:
             self._problem(path, f"cannot be read: {error}")
             return
-        others = np.flatnonzero(~self._done())
         for name, right in map_arrays(result).items():
             if name not in given:
                 if name not in HISTORY:  # maps of old have none
@@ -153,7 +154,7 @@ class Beside:
                 continue
             unlike = unlike.reshape(-1, self.expected.cells)
             if name in _TESTED:
-                unlike[:, others] = False
+                unlike[:, ~self.done] = False
             if unlike.any():
                 cell = int(np.flatnonzero(unlike.any(axis=0))[0])
                 what = f"{name} is not what the verdicts say, in {int(unlike.sum())} places, first at cell {cell}"
@@ -165,32 +166,25 @@ class Beside:
     def _report(self, path: Path, result: MapFile) -> None:
         """report.json says of plan, accounts and map what the bag says; of times and machine only it knows."""
         try:
-            report = json.loads(path.read_bytes())
-            given = dict(report)
+            given = dict(json.loads(path.read_bytes()))
         except (ValueError, TypeError, RecursionError) as error:
             self._problem(path, f"cannot be read: {error}")
             return
-        expected = self.expected
-        planned, sizes = expected.planned, np.array([expected.planned.size(n) for n in range(expected.blocks)])
-        quarantined = [n for n, state in enumerate(self.states) if state == QUARANTINED]
-        cells = {
-            "planned": planned.planned_cells,
-            "done": int(sizes[self.complete].sum()),
-            "quarantined": int(sizes[quarantined].sum()),
-        }
+        planned, counts = self.expected.planned, self.counts
+        names = {"planned": "cells_planned", "done": "cells", "quarantined": "cells_quarantined"}
+        cells = {name: counts[counted] for name, counted in names.items()}
         cells["outstanding"] = cells["planned"] - cells["done"] - cells["quarantined"]
         right = {
             **self._plan("classifier"),
             "cells": cells,
-            "cells_predicted": expected.cells - cells["planned"],
+            **{name: counts[name] for name in ("cells_predicted", "samples")},
             "rounds": len(planned.rounds),
-            "samples": cells["done"] * expected.chunks * expected.chunk_samples,
-            **findings(result.transient_periods, result.regime.ravel()[self._done()]),
+            **findings(result.transient_periods, result.regime.ravel()[self.done]),
             "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
+            "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
         }
         if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which only it knows
             given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
-        right["quarantined_blocks"] = sorted(map(str, quarantined))
         for name, value in json.loads(json.dumps(right)).items():
             if name not in given:
                 self._problem(path, f"holds no {name}")

@@ -90,11 +90,11 @@ class _Accounts:
             self._block(block)
         self._receipts()
         self._judge(progress)
-        self._rounds()
-        Beside(run_directory, survey, expected, self.states, self.complete).check()
+        done = expected.planned.cells_of(np.flatnonzero(self.complete))
+        self._rounds(done)
         sizes = np.array([expected.planned.size(block) for block in range(expected.blocks)])
         quarantined = np.array([state == QUARANTINED for state in self.states])
-        return {
+        counts = {
             "run": expected.run_id,
             "sweep": expected.sweep_id,
             "cells": int(sizes[self.complete].sum()),
@@ -111,6 +111,8 @@ class _Accounts:
             "quarantined_blocks": np.flatnonzero(quarantined).tolist(),
             "notes": self.notes,
         }
+        Beside(run_directory, survey, expected, self.states, done, counts).check()
+        return counts
 
     # ---- every chunk once
 
@@ -200,13 +202,12 @@ class _Accounts:
 
     # ---- the rounds of an adaptive sweep
 
-    def _rounds(self) -> None:
+    def _rounds(self, done: np.ndarray) -> None:
         """Note where the rounds of an adaptive sweep are not what the verdicts before them ask for, here and now."""
         expected, planned = self.expected, self.expected.planned
         if not planned.adaptive:
             return
         budget = within_budget(expected.adaptive, expected.cells)
-        done = planned.cells_of(np.flatnonzero(self.complete))
         length = np.where(done, transient_lengths(is_helmholtz(self.survey.layers()["regime"])), np.nan)
         tried = np.zeros(expected.cells, bool)
         for number, cells in enumerate([*planned.rounds, np.zeros(0, np.uint32)], 1):

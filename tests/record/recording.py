@@ -24,10 +24,14 @@ from bow_sim.blocks import Blocks
 from bow_sim.identity import fingerprint
 from bow_sim.kernel import Block
 from bow_sim.reach import apply_defaults
+from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
 from bow_sweep.record.expected import CLOSED, DONE, OPEN
 from bow_sweep.record.session import Session
 from bow_sweep.record.topics import TOPICS
+from bow_sweep.results import MAP, load_basin, map_of, playability_of
+from bow_sweep.run import Run
+from bow_sweep.view.maps import write_map_npz
 
 RUN = "0123456789abcdef"
 NAMESPACE = f"/bow/run_{RUN}"
@@ -129,11 +133,6 @@ def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:
 
 def leave_all(directory: Path, sweep: Sweep, quarantined: Collection[int] = ()) -> Path:
     """Leave beside a recorded bag what a coordinator leaves there; return the directory."""
-    from bow_sweep.ledger import State
-    from bow_sweep.results import MAP, load_basin, map_of, playability_of
-    from bow_sweep.run import Run
-    from bow_sweep.view.maps import write_map_npz
-
     run = Run.create(directory, RUN, sweep)
     for number, block in enumerate(run.ledger.blocks):
         block.state = State.QUARANTINED if number in quarantined else State.DONE
