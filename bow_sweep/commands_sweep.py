@@ -183,7 +183,7 @@ def _directory_problem(directory: Path) -> str:
 
 def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int:
     """Carry out runs, one after the other, on one display."""
-    from .conduct import Interrupted, conduct
+    from .conduct import conduct
     from .display import Display
     from .supervisor import GraphError
 
@@ -207,7 +207,7 @@ def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int
             options = {"simulators": args.simulators, "dashboard": dashboard, "display": display}
             conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
             before += job.sweep.budget
-    except Interrupted:
+    except KeyboardInterrupt:
         display.stop()
         return fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
     except GraphError as error:

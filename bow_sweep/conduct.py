@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import gc
-import signal
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .display import Display
+from .ending import Ending
 from .plan import Sweep
 from .supervisor import Supervisor
 
 LOGS = "log"
 INSPECTED = 6
 """Cells whose waveforms the dashboard shows unless told else."""
-
-
-class Interrupted(Exception):
-    """The user asked for the end."""
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
@@ -59,7 +54,7 @@ def conduct(
     ------
     GraphError
         Where the graph cannot go on; the run can be resumed once the cause is mended.
-    Interrupted
+    KeyboardInterrupt
         After Ctrl-C or SIGTERM; everything has been stopped in order.
     """
     coordinator: dict[str, object] = {"once": True, "dashboard": dashboard is not None}
@@ -75,31 +70,28 @@ def conduct(
         "simulator": {"inspect": inspected_cells(sweep)},
     }
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
-    handlers = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     finished = False
     gc.disable()  # nothing that the start loads becomes garbage
-    try:
-        for role in ("coordinator", "recorder"):
-            supervisor.start(role)
-        _load_compiled(sweep)
-        for role in ["classifier"] + ["simulator"] * simulators:
-            supervisor.start(role)
-        if dashboard is not None:  # last, as nobody waits for it
-            supervisor.start("dashboard")
-        supervisor.observe()
-        from .watch import watch  # it loads ROS: a process with DDS should not be copied
+    with Ending("stopping the processes; a few seconds") as ending:
+        try:
+            for role in ("coordinator", "recorder"):
+                supervisor.start(role)
+            with ending.at_once():
+                _load_compiled(sweep)
+            for role in ["classifier"] + ["simulator"] * simulators:
+                supervisor.start(role)
+            if dashboard is not None:  # last, as nobody waits for it
+                supervisor.start("dashboard")
+            supervisor.observe()
+            from .watch import watch  # it loads ROS: a process with DDS should not be copied
 
-        gc.enable()
-        watch(supervisor, display)
-        finished = True
-    finally:
-        for number in handlers:
-            signal.signal(number, _second_interrupt)
-        killed = supervisor.stop(idle=finished)
-        if killed:
-            display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+            gc.enable()
+            watch(supervisor, display, ending)
+            finished = True
+        finally:
+            killed = supervisor.stop(idle=finished)
+            if killed:
+                display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
 
 
 def _load_compiled(sweep: Sweep) -> None:
@@ -109,11 +101,3 @@ def _load_compiled(sweep: Sweep) -> None:
 
     Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
     warm()
-
-
-def _interrupt(*_: object) -> None:
-    raise Interrupted
-
-
-def _second_interrupt(*_: object) -> None:
-    print("\nstopping the processes; a few seconds", file=sys.stderr)

@@ -19,6 +19,7 @@ from bow_sim.reach import apply_defaults
 from bow_sim.ros import CONSUMERS, HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 
 from .display import Display, Progress
+from .ending import Ending
 from .supervisor import Death, GraphError, Supervisor, tail
 
 STUCK_S = 12.0
@@ -108,24 +109,26 @@ class SupervisorNode(BowNode):
         self._deaths.publish(message)
 
 
-def watch(supervisor: Supervisor, display: Display) -> None:
+def watch(supervisor: Supervisor, display: Display, ending: Ending) -> None:
     """Watch over a graph and show its progress until the coordinator has finished; start again what dies.
 
     Raises
     ------
     GraphError
         Where the graph cannot go on.
+    KeyboardInterrupt
+        Where the end is asked for.
     """
     apply_defaults()
     gc.freeze()  # what is loaded stays: what comes now is to go, to the last reference
     try:
-        _live(supervisor, display)
+        _live(supervisor, display, ending)
     finally:
         leave()
         end_after(0)
 
 
-def _live(supervisor: Supervisor, display: Display) -> None:
+def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
     """Be a node of the graph while it is watched."""
     words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
@@ -134,7 +137,7 @@ def _live(supervisor: Supervisor, display: Display) -> None:
     try:
         node = SupervisorNode()
         executor.add_node(node)
-        _watch(supervisor, node, executor, display)
+        _watch(supervisor, node, executor, display, ending)
     finally:
         end_after(LEAVE_S)
         executor.shutdown()
@@ -143,10 +146,11 @@ def _live(supervisor: Supervisor, display: Display) -> None:
         rclpy.try_shutdown()
 
 
-def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display) -> None:
+def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display, ending: Ending) -> None:
     """Spin until the coordinator has finished; start again what dies."""
     while True:
         executor.spin_once(timeout_sec=0.05)
+        ending.check()
         for death in supervisor.buried():
             if death.child.role == "coordinator":
                 if death.status == 0:

@@ -28,6 +28,7 @@ from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
 from bow_sim.reach import apply_defaults
 from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES, has_met
+from bow_sweep.ending import Ending
 from bow_sweep.supervisor import GraphError, Supervisor, tail
 
 from .expected import DONE
@@ -50,10 +51,16 @@ def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, 
         Where the classifier process ends, does not take the plan, or does not answer.
     BagError
         Where a stored message cannot be read again.
+    KeyboardInterrupt
+        Where the end is asked for by Ctrl-C or SIGTERM.
     """
     apply_defaults()
-    with tempfile.TemporaryDirectory(prefix="bow-replay-") as logs, Chunks() as chunks:
-        graph = _Graph(survey, task, chunks, Path(logs))
+    with (
+        Ending("stopping the classifier; a few seconds") as ending,
+        tempfile.TemporaryDirectory(prefix="bow-replay-") as logs,
+        Chunks() as chunks,
+    ):
+        graph = _Graph(survey, task, chunks, Path(logs), ending)
         try:
             graph.open()
             yield from graph.verdicts()
@@ -74,8 +81,8 @@ def chunks_in_order(survey: Survey, task: Task) -> Iterator[Key]:
 class _Graph:
     """The classifier's process, and the nodes of this one that talk to it."""
 
-    def __init__(self, survey: Survey, task: Task, chunks: Chunks, logs: Path) -> None:
-        self.survey, self.task, self.chunks = survey, task, chunks
+    def __init__(self, survey: Survey, task: Task, chunks: Chunks, logs: Path, ending: Ending) -> None:
+        self.survey, self.task, self.chunks, self.ending = survey, task, chunks, ending
         self.namespace = f"/bow/replay_{task.run_id}_{random_id()[:8]}"
         self.supervisor = Supervisor(self.namespace, logs, {})
         self.context = rclpy.Context()
@@ -138,6 +145,7 @@ class _Graph:
     def spin(self, deadline: float, until: str) -> None:
         """Take in what comes; raise where the classifier is gone or `deadline` has passed."""
         self.executor.spin_once(timeout_sec=0.1)
+        self.ending.check()
         for death in self.supervisor.buried():
             raise GraphError(f"the classifier ended ({death.cause}):\n{tail(death.child.log)}")
         if time.monotonic() > deadline:
