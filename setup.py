@@ -70,6 +70,7 @@ setup(
     # which releases were tested. ROS itself is in requirements.txt: on a ROS installation it doesn't come from PyPI.
     install_requires=[
         "numpy>=1.26",
+        "inotify-simple>=2.0",
         "isal>=1.6",
         "matplotlib>=3.6",
         "numba>=0.68",

@@ -2,8 +2,8 @@
 
 SIGKILL at random moments over all roles: one, several at once, and again while the graph recovers; where the whole
 graph or its coordinator is killed, the run is gone on with by ``--resume``. Each run must in the end pass `bow verify`
-and give the map of an undisturbed run, bit for bit, and leave no process behind. The same seed gives the same choices;
-what is under way when they strike is chance.
+and give the map of an undisturbed run, bit for bit, and leave no process behind; what stays in shared memory is
+counted. The same seed gives the same choices; what is under way when they strike is chance.
 """
 
 from __future__ import annotations
@@ -86,6 +86,7 @@ def measure(kills: int, seed: int, folder: Path | None = None) -> dict[str, Any]
     made = Path(tempfile.mkdtemp(prefix="bow-kills-", dir=folder))
     print(f"kills: seed {seed}, in {made}", file=sys.stderr, flush=True)
     began = time.monotonic()
+    before = tests.dead_files()
     undisturbed = tests.run_sweep(made / "undisturbed", *LONG)
     total, resumes, runs = 0, 0, 0
     roles: Counter[str] = Counter()
@@ -115,6 +116,7 @@ def measure(kills: int, seed: int, folder: Path | None = None) -> dict[str, Any]
         "roles": dict(roles.most_common()),
         "runs": runs,
         "resumed": resumes,
+        "left in shared memory": sorted(tests.dead_files() - before),
         "seconds": time.monotonic() - began,
     }
 

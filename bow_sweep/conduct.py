@@ -82,7 +82,6 @@ def conduct(
                 supervisor.start(role)
             if dashboard is not None:  # last, as nobody waits for it
                 supervisor.start("dashboard")
-            supervisor.observe()
             from .watch import watch  # it loads ROS: a process with DDS should not be copied
 
             gc.enable()

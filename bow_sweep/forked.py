@@ -31,16 +31,18 @@ class Forked:
         What the child does; its result is the exit status.
     output
         File that gets what the child prints.
+    keep
+        An open file that the child has too, of all that this process has open.
     """
 
-    def __init__(self, run: Callable[[], int], output: Path) -> None:
+    def __init__(self, run: Callable[[], int], output: Path, keep: int = 0) -> None:
         self.returncode: int | None = None
         sys.stdout.flush()
         sys.stderr.flush()
         gc.freeze()  # no collection in the child writes to the pages that it shares
         self.pid = os.fork()
         if self.pid == 0:
-            _child(run, output)
+            _child(run, output, keep)
         gc.unfreeze()
 
     def poll(self) -> int | None:
@@ -76,7 +78,7 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
 
-def _child(run: Callable[[], int], output: Path) -> None:
+def _child(run: Callable[[], int], output: Path, keep: int) -> None:
     """Live as the child and end there: nothing of the parent's stack is unwound."""
     status = ERROR
     gc.disable()  # a node turns it on again once it has loaded what it needs
@@ -84,7 +86,7 @@ def _child(run: Callable[[], int], output: Path) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         for descriptor in [int(path.name) for path in Path("/proc/self/fd").iterdir()]:
-            if descriptor > 2:
+            if descriptor > 2 and descriptor != keep:
                 with contextlib.suppress(OSError):  # the one that listed them is closed already
                     os.close(descriptor)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

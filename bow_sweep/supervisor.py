@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,8 +17,8 @@ from pathlib import Path
 
 import setproctitle
 
-from . import leftovers
 from .forked import Forked
+from .janitor import Janitor
 
 MODULES = {
     "coordinator": "bow_sweep.coordinator",
@@ -39,12 +38,6 @@ STOP_S = 15.0
 CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
-
-LOOK_S, LOOK_EARLY_S = 0.05, 0.01
-"""Between two looks at what shared memory the processes have; a look takes 0.2 ms."""
-
-EARLY_S = 3.0
-"""Age in which a process gets most of it: one that is killed before the next look leaves it behind."""
 
 NAMED = 5
 """Arguments of a node that say which it is: ``--ros-args``, its name, its namespace."""
@@ -68,7 +61,6 @@ class Child:
     process: subprocess.Popen[bytes] | Forked
     log: Path
     started: float = field(default_factory=time.monotonic)
-    shared: set[str] = field(default_factory=set)  # its files in shared memory, see .leftovers
     worked: bool = False  # it was ready once
 
     def ask_to_end(self) -> None:
@@ -131,18 +123,15 @@ class Supervisor:
         self._leaving: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
-        self._observer = threading.Thread(target=self._observe, name="shared memory", daemon=True)
-        self._stopped = threading.Event()
+        self._janitor: Janitor | None = None
         logs.mkdir(parents=True, exist_ok=True)
-        self._note = logs / "shared_memory"
-        self._inherited = leftovers.noted(self._note)  # of a supervisor before us that was killed
-        self._noted = set(self._inherited)
 
     def start(self, role: str) -> Child:
         """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
         self._count[role] = self._count.get(role, 0) + 1
         name = f"simulator_{self._count[role]}" if role == "simulator" else role
         log = self.logs / f"{name}.log"
+        janitor = self._hire()
         command = [sys.executable, "-m", MODULES[role], "--ros-args", *self._arguments(role, name)]
         environment = {"ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"}
         process: subprocess.Popen[bytes] | Forked
@@ -158,9 +147,17 @@ class Supervisor:
                     env={**os.environ, **environment},
                     preexec_fn=partial(_be_a_child, role),  # noqa: PLW1509  # no threads of ours hold locks that a child needs
                 )
+        janitor.tell(process.pid)
         child = Child(role, name, process, log)
         self.children.append(child)
         return child
+
+    def _hire(self) -> Janitor:
+        """Return the janitor: at first, and where it was killed, a new one."""
+        if self._janitor is None or self._janitor.died:
+            pids = [child.process.pid for child in [*self.children, *self._leaving] if child.process.returncode is None]
+            self._janitor = Janitor(self.logs, self.namespace, pids)
+        return self._janitor
 
     def _arguments(self, role: str, name: str) -> list[str]:
         arguments = ["-r", f"__node:={name}", "-r", f"__ns:={self.namespace}", "--log-file-name", name]
@@ -171,34 +168,11 @@ class Supervisor:
     def buried(self) -> list[Death]:
         """Return the processes that have ended since the last call; they are no longer children."""
         ended = [(child, status) for child in self.children if (status := child.process.poll()) is not None]
+        if self._janitor is not None:
+            self._hire()
         gone = [Death(child, 0 if status == -signal.SIGALRM else status) for child, status in ended]  # see ros.LEAVE_S
         self.children = [child for child in self.children if child.process.returncode is None]
-        for death in gone:
-            leftovers.remove(death.child.shared)
         return gone
-
-    def observe(self) -> None:
-        """Take note from now on of the shared memory that the processes have; this one is not to be copied any more."""
-        self._observer.start()
-
-    def _observe(self) -> None:
-        while not self._stopped.wait(self._pause()):
-            self._look_at_shared_memory()
-
-    def _pause(self) -> float:
-        early = any(time.monotonic() - child.started < EARLY_S for child in self.children)
-        return LOOK_EARLY_S if early else LOOK_S
-
-    def _look_at_shared_memory(self) -> None:
-        leftovers.remove(self._inherited)
-        self._inherited = {file for file in self._inherited if Path(file).exists()}  # of some that are still dying
-        for child in self.children:
-            child.shared = child.shared | leftovers.files_of(child.process.pid, child.shared)
-        ours = leftovers.files_of(os.getpid(), self._noted)
-        fresh = ours.union(*(child.shared for child in self.children)) - self._noted
-        if fresh:
-            leftovers.note(self._note, fresh)
-            self._noted |= fresh
 
     def revive(self, death: Death) -> Child:
         """Start a process again.
@@ -248,12 +222,10 @@ class Supervisor:
                     child.process.wait()
         self.children += self._leaving
         self._leaving = []
-        self._stopped.set()
-        if self._observer.is_alive():
-            self._observer.join()
         self.buried()
-        self._look_at_shared_memory()
-        self._note.unlink(missing_ok=True)
+        if self._janitor is not None:
+            self._janitor.close(STOP_S)
+            self._janitor = None
         return stubborn
 
 

@@ -118,7 +118,6 @@ class _Graph:
     def open(self) -> None:
         """Start the classifier; return when it has the plan and everybody hears everybody."""
         self.supervisor.start(CLASSIFIER)
-        self.supervisor.observe()
         self.say_plan()
         deadline = time.monotonic() + PATIENCE_S
         while not (self.health.state == Health.READY and self._streams_are_heard()):

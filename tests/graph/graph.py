@@ -16,6 +16,9 @@ import numpy as np
 import psutil
 import pytest
 
+from bow_sim.reach import SHARED_MEMORY
+from bow_sweep.leftovers import files_of
+
 PATIENCE_S = 120.0
 """Any of these sweeps takes seconds; so long on a machine busy with other things."""
 
@@ -59,6 +62,12 @@ class Sweep:
                     if "--ros-args" in module and f"__node:={role}" in module:
                         found.append(child)
         return found
+
+    def janitors(self) -> list[psutil.Process]:
+        """Return the process that removes what dead ones leave in shared memory: it can be killed too."""
+        with contextlib.suppress(psutil.NoSuchProcess):
+            return [p for p in psutil.Process(self.process.pid).children() if "janitor" in " ".join(p.cmdline())]
+        return []
 
     def done_blocks(self) -> int:
         """Return how many blocks the ledger says are done."""
@@ -130,6 +139,13 @@ def orphans(directory: Path) -> list[str]:
         if "--ros-args" in words and any(str(directory) in word for word in words):
             found.append(" ".join(words))
     return found
+
+
+def dead_files() -> set[str]:
+    """Return what there is in shared memory, of anybody's, that no living process has."""
+    files = {str(file) for file in SHARED_MEMORY.glob("fast*") if not file.name.endswith("_el")}
+    living = set[str]().union(*(files_of(pid) for pid in psutil.pids()))
+    return files - {file.removesuffix("_el") for file in living}
 
 
 @contextlib.contextmanager

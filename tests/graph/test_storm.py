@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from graph import Sweep, assert_same_map, orphans, run_sweep, sweeping, verified
+from graph import Sweep, assert_same_map, dead_files, orphans, run_sweep, sweeping, verified
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
@@ -17,13 +17,25 @@ LONG = ["fig11d", "--nx", "64", "--ny", "32", "--set", "block_cells=16"]
 """2048 cells in 128 blocks."""
 
 KILLS = 20
-ROLES = ("simulator", "simulator", "classifier", "recorder", "dashboard", "coordinator", "all simulators", "everything")
+ROLES = (
+    "simulator",
+    "simulator",
+    "classifier",
+    "recorder",
+    "dashboard",
+    "coordinator",
+    "janitor",
+    "all simulators",
+    "everything",
+)
 
 
 def strike(sweep: Sweep, role: str) -> bool:
     """SIGKILL what a role stands for; return whether there was something to kill."""
     if role == "everything":
-        victims = [*sweep.children(), psutil.Process(sweep.process.pid)]
+        victims = [*sweep.janitors(), *sweep.children(), psutil.Process(sweep.process.pid)]
+    elif role == "janitor":
+        victims = sweep.janitors()
     else:
         victims = sweep.children("simulator" if role == "all simulators" else role)
         victims = victims if role == "all simulators" else victims[:1]
@@ -35,6 +47,7 @@ def strike(sweep: Sweep, role: str) -> bool:
 
 @pytest.mark.parametrize("seed", [1995])
 def test_the_account_is_exact_after_twenty_kills(seed: int, tmp_path: Path) -> None:
+    before = dead_files()
     undisturbed = run_sweep(tmp_path / "undisturbed", *LONG)
     chance = random.Random(seed)
     struck: list[str] = []
@@ -59,3 +72,4 @@ def test_the_account_is_exact_after_twenty_kills(seed: int, tmp_path: Path) -> N
         assert orphans(run) == [], struck
         verified(run)
         assert_same_map(undisturbed, run)
+    assert dead_files() <= before, struck

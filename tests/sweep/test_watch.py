@@ -11,7 +11,6 @@ import pytest
 from bow_msgs.msg import Health, Plan
 
 from bow_sim import wire
-from bow_sweep import leftovers
 from bow_sweep.supervisor import Child, Supervisor
 from bow_sweep.watch import STUCK_S, SupervisorNode
 
@@ -64,51 +63,6 @@ def test_who_does_not_find_the_others_is_named_once_consumers_first() -> None:
     assert stuck(2 * STUCK_S + 2) == {2}
     assert stuck(3 * STUCK_S + 3) == set()
     assert node.worked == {3, 5}
-
-
-def test_a_note_names_segments_and_nothing_else(tmp_path: Path) -> None:
-    files = {"/dev/shm/fastrtps_0123456789abcdef_el", str(lent_by(1234))}
-    note = tmp_path / "note"
-    assert leftovers.noted(note) == set()
-    leftovers.note(note, files)
-    with open(note, "a") as file:
-        file.write("/etc/passwd\n/dev/shm/fastrtps_0123456789abcdef_el/../x\n/tmp/fast_datasharing_01\n\n\x00")
-    assert leftovers.noted(note) == files
-    leftovers.note(tmp_path / "nowhere" / "note", files)
-
-
-def lent_by(pid: int, number: str = "f1.4e") -> Path:
-    """Return the file, as Fast DDS names it, that a process would lend."""
-    name = f"fast_datasharing_01.0f.be.ef.{pid % 256:02x}.{pid // 256 % 256:02x}.{number}.00.00.00.00_0.0.14.3"
-    return Path("/dev/shm") / name
-
-
-def test_what_a_process_lends_goes_with_it_and_not_before() -> None:
-    keeps = "import mmap, os, sys; m = mmap.mmap(os.open(sys.argv[1], os.O_RDWR), 0); print(flush=True); input()"
-    start = Path("/dev/shm/fast_datasharing_01.0f.be.ef.00.00.f1.4e.00.00.00.00_0.0.14.3")
-    start.write_bytes(bytes(4096))
-    with subprocess.Popen(
-        [sys.executable, "-c", keeps, start], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        start.rename(lent_by(process.pid))  # its mapping follows the name
-        others = lent_by(process.pid, "00.00")  # of a process of the same number, elsewhere
-        others.write_bytes(b"x")
-        try:
-            files = leftovers.files_of(process.pid)
-            assert files == {str(lent_by(process.pid))}
-            assert leftovers.files_of(process.pid, files) == set()
-            assert leftovers.remove(files) == 0
-            process.kill()
-            process.wait()
-            assert leftovers.files_of(process.pid) == set()
-            assert leftovers.remove(files) == 1
-            assert leftovers.remove(files) == 0
-            assert others.exists()
-        finally:
-            others.unlink()
-            lent_by(process.pid).unlink(missing_ok=True)
 
 
 PATIENT = """
