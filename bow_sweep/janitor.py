@@ -51,16 +51,21 @@ class House:
         self._notes = set(logs.glob(f"{NOTE}.*"))
         self._note = logs / f"{NOTE}.{os.getpid()}"
         self._files: dict[int, set[str]] = {}
+        self.asks: set[str] = set()
+        """Locks made just now, by nobody knows whom."""
         self._left = leftovers.remove(set[str]().union(*map(leftovers.noted, self._notes)))
 
     def enter(self, pid: int) -> None:
         """A process has been started."""
         self._files[pid] = set()
+        self.look()
 
     def make(self, names: Iterable[str]) -> None:
         """Files of these names have been made just now: what is lent says by whom; whose a lock is, a look says."""
         for file in (f"{SHARED_MEMORY}/{name}" for name in names):
             owner = leftovers.owner(file)
+            if leftovers.is_lock(file):
+                self.asks.add(file)
             for pid in self._files:
                 if owner == pid % leftovers.OWNERS:
                     self._take(pid, {file})
@@ -74,6 +79,7 @@ class House:
         if files - self._files[pid]:
             leftovers.note(self._note, files - self._files[pid])
             self._files[pid] |= files
+            self.asks -= files
 
     def leave(self, pid: int) -> None:
         """A process has died."""
@@ -159,12 +165,14 @@ def _keep(house: House, heard: int, made: INotify | None, selector: selectors.Ba
     for source in filter(None, (heard, made)):
         selector.register(source, selectors.EVENT_READ)
     living: dict[int, int] = {}  # pidfd -> number of the process
-    settled, deadline = 0.0, 0.0  # until then files may show whose they are; processes without supervisor may end
+    settled, deadline = 0.0, 0.0  # until then it shows whose new locks are; processes without supervisor may end
     while living or not deadline:
         now = time.monotonic()
         if deadline and now > deadline:
             return 1
-        pause = LOOK_S if made is None or deadline or now < settled else None
+        if now > settled:  # a stranger's
+            house.asks.clear()
+        pause = LOOK_S if made is None or deadline or house.asks else None
         ready = {key.fd for key, _ in selector.select(pause)}
         if made is not None and made.fileno() in ready:
             house.make([event.name for event in made.read(timeout=0)])
@@ -185,7 +193,8 @@ def _keep(house: House, heard: int, made: INotify | None, selector: selectors.Ba
                     continue
                 living[descriptor] = pid
                 selector.register(descriptor, selectors.EVENT_READ)
-        house.look()
+        if made is None or house.asks:
+            house.look()
         for descriptor in ready & living.keys():
             house.leave(living.pop(descriptor))
             selector.unregister(descriptor)

@@ -45,6 +45,11 @@ def files_of(pid: int, known: Container[str] = ()) -> set[str]:
     return locks | (_mapped(pid, lent) if lent else lent)
 
 
+def is_lock(file: str) -> bool:
+    """Return whether a file is the lock of a segment or port."""
+    return _LOCK.fullmatch(file) is not None
+
+
 def owner(file: str) -> int | None:
     """Return the lowest two bytes of the number of the process that lends a file; None where it is no such file."""
     lent = _LENT.fullmatch(file)
@@ -94,7 +99,7 @@ def _is_removed(file: str, ports: bool) -> bool:
         elif lock is not None:
             _remove_unlocked(file)
         elif pid is not None:
-            if any(_mapped(living, [file]) for living in range(pid, _last_pid() + 1, OWNERS)):
+            if os.path.exists(file) and any(_mapped(living, [file]) for living in range(pid, _last_pid() + 1, OWNERS)):
                 return False
             os.unlink(file)
     except FileNotFoundError:
