@@ -42,6 +42,7 @@ class Client:
         self.node: Node = rclpy.create_node("client", namespace="/bow", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        self.action = ActionClient(self.node, RunSweep, "run_sweep")
 
     def until(self, future: rclpy.Future) -> object:
         self.executor.spin_until_future_complete(future, PATIENCE_S)
@@ -50,6 +51,7 @@ class Client:
 
     def close(self) -> None:
         self.executor.shutdown()
+        self.action.destroy()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -78,10 +80,9 @@ def nodes(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
 
 
 def send(client: Client, spec: SweepSpec, feedback: list | None = None) -> object:
-    action = ActionClient(client.node, RunSweep, "run_sweep")
-    assert action.wait_for_server(30)
+    assert client.action.wait_for_server(30)
     seen = feedback if feedback is not None else []
-    return client.until(action.send_goal_async(RunSweep.Goal(spec=spec), feedback_callback=seen.append))
+    return client.until(client.action.send_goal_async(RunSweep.Goal(spec=spec), feedback_callback=seen.append))
 
 
 def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
@@ -165,6 +166,7 @@ def simulator(ros_domain: int) -> Iterator[object]:
     node.health.state = Health.READY
     yield node
     node.close()
+    node._server.destroy()
     node.destroy_node()
     rclpy.shutdown()
 
