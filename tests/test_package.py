@@ -19,7 +19,7 @@ from catkin_pkg.package import Package, parse_package
 from checkout import ROOT, assigned, copy_sources
 
 OUR_PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
-IMPORT_OF = {"pyyaml": "yaml", "rerun-sdk": "rerun"}
+IMPORT_OF = {"inotify-simple": "inotify_simple", "pyyaml": "yaml", "rerun-sdk": "rerun"}
 """Import names that differ from the distribution's."""
 
 ROS_PYTHON = {"rclpy", "bow_msgs", "builtin_interfaces", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces"}

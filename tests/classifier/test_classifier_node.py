@@ -40,8 +40,8 @@ THRESHOLDS = Thresholds(correlation=0.9)
 class Graph:
     """What coordinator, simulator and recorder would be to the classifier."""
 
-    def __init__(self, context: Context | None = None) -> None:
-        self.context = context or Context()
+    def __init__(self, context: Context | None) -> None:
+        self.context = context
         rclpy.init(context=self.context)
         self.node = Node("coordinator", namespace=NAMESPACE, context=self.context)
         self.recorder = Node("recorder", namespace=NAMESPACE, context=self.context)
@@ -109,7 +109,7 @@ def classifier(ros_domain):
 
 @pytest.fixture
 def graph(ros_domain):
-    graph = Graph()
+    graph = Graph(Context())
     yield graph
     graph.close()
 
@@ -176,7 +176,7 @@ def test_a_sweep_it_cannot_judge_is_refused_aloud(graph, classifier):
 
 
 def test_a_verdict_that_cannot_go_out_is_kept_and_the_subscribers_named(ros_domain, monkeypatch):
-    graph = Graph(rclpy.get_default_context())  # which is the classifier's too: one participant in one process
+    graph = Graph(None)  # the classifier's context: one participant in one process
     classifier = ClassifierNode()
     try:
         said, sent, hangs = [], [], True

@@ -270,8 +270,8 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
         yield made
     finally:
         if made.process is not None:
-            made.process.kill()
-            made.process.wait()
+            made.process.terminate()  # killed, it would leave its shared memory
+            made.process.wait(30)
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown(context=context)
