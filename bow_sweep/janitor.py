@@ -58,7 +58,7 @@ class House:
     def enter(self, pid: int) -> None:
         """A process has been started."""
         self._files[pid] = set()
-        self.look()
+        self._take(pid, leftovers.files_of(pid))
 
     def make(self, names: Iterable[str]) -> None:
         """Files of these names have been made just now: what is lent says by whom; whose a lock is, a look says."""
@@ -167,16 +167,16 @@ def _keep(house: House, heard: int, made: INotify | None, selector: selectors.Ba
     living: dict[int, int] = {}  # pidfd -> number of the process
     settled, deadline = 0.0, 0.0  # until then it shows whose new locks are; processes without supervisor may end
     while living or not deadline:
+        pause = LOOK_S if made is None or deadline or house.asks else None
+        ready = {key.fd for key, _ in selector.select(pause)}
         now = time.monotonic()
         if deadline and now > deadline:
             return 1
-        if now > settled:  # a stranger's
-            house.asks.clear()
-        pause = LOOK_S if made is None or deadline or house.asks else None
-        ready = {key.fd for key, _ in selector.select(pause)}
         if made is not None and made.fileno() in ready:
             house.make([event.name for event in made.read(timeout=0)])
-            settled = time.monotonic() + SETTLE_S
+            settled = now + SETTLE_S
+        elif now > settled:  # a stranger's
+            house.asks.clear()
         if heard in ready:
             said = [int(word) for word in os.read(heard, 1 << 16).split()]
             if CLOSE in said:

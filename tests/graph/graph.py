@@ -54,20 +54,21 @@ class Sweep:
 
     def children(self, role: str = "") -> list[psutil.Process]:
         """Return the processes of its graph, or those of one role."""
+        return self._family(lambda words: "--ros-args" in words and f"__node:={role}" in words)
+
+    def janitors(self) -> list[psutil.Process]:
+        """Return the process that removes what dead ones leave in shared memory: it can be killed too."""
+        return self._family(lambda words: "janitor" in words)
+
+    def _family(self, says: Callable[[str], bool]) -> list[psutil.Process]:
+        """Return the children of which the command line says so."""
         found = []
         with contextlib.suppress(psutil.NoSuchProcess):
             for child in psutil.Process(self.process.pid).children():
                 with contextlib.suppress(psutil.NoSuchProcess):
-                    module = " ".join(child.cmdline())
-                    if "--ros-args" in module and f"__node:={role}" in module:
+                    if says(" ".join(child.cmdline())):
                         found.append(child)
         return found
-
-    def janitors(self) -> list[psutil.Process]:
-        """Return the process that removes what dead ones leave in shared memory: it can be killed too."""
-        with contextlib.suppress(psutil.NoSuchProcess):
-            return [p for p in psutil.Process(self.process.pid).children() if "janitor" in " ".join(p.cmdline())]
-        return []
 
     def done_blocks(self) -> int:
         """Return how many blocks the ledger says are done."""

@@ -31,7 +31,7 @@ for name in sys.argv[1:]:
     kept.append(os.open(name, os.O_RDWR | os.O_CREAT))
     if name.endswith("_el"):
         fcntl.flock(kept[-1], fcntl.LOCK_EX)
-    elif "_PID" not in name:
+    else:
         os.truncate(name, 4096)
         kept.append(mmap.mmap(kept[-1], 0))
 print("holds", flush=True)
@@ -70,6 +70,20 @@ def wait_until(what: Callable[[], bool]) -> None:
     while not what():
         assert time.monotonic() < deadline, "it never came true"
         time.sleep(0.01)
+
+
+def notes(folder: Path) -> list[Path]:
+    return list(folder.glob(f"{NOTE}.*"))
+
+
+@contextlib.contextmanager
+def watched(janitor: Janitor, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process with a segment; yield it once the janitor has taken note of that."""
+    SEGMENT.touch()
+    with holding(lock(SEGMENT)) as process:
+        janitor.tell(process.pid)
+        wait_until(lambda: bool(notes(folder)))
+        yield process
 
 
 @pytest.fixture(autouse=True)
@@ -163,16 +177,13 @@ def test_the_next_one_sees_to_what_a_killed_one_has_noted(tmp_path: Path) -> Non
 
 def test_it_removes_what_a_killed_process_leaves_and_ends_with_its_supervisor(tmp_path: Path) -> None:
     janitor = Janitor(tmp_path, "/bow/x", [])
-    SEGMENT.touch()
-    with holding(lock(SEGMENT)) as process:
-        janitor.tell(process.pid)
-        wait_until(lambda: bool(list(tmp_path.glob(f"{NOTE}.*"))))
+    with watched(janitor, tmp_path) as process:
         process.kill()
         wait_until(lambda: not SEGMENT.exists())
     assert not lock(SEGMENT).exists()
     assert not janitor.died
     janitor.close(20)
-    assert list(tmp_path.glob(f"{NOTE}.*")) == []
+    assert notes(tmp_path) == []
     assert (tmp_path / "janitor.log").read_text() == ""
 
 
@@ -182,7 +193,7 @@ def test_it_sees_what_is_made_while_it_lives(tmp_path: Path) -> None:
         janitor.tell(process.pid)
         time.sleep(0.3)  # nothing is made now, and it does not look
         lent_by(process.pid).touch()
-        wait_until(lambda: any(str(lent_by(process.pid)) in f.read_text() for f in tmp_path.glob(f"{NOTE}.*")))
+        wait_until(lambda: any(str(lent_by(process.pid)) in note.read_text() for note in notes(tmp_path)))
         process.kill()
         wait_until(lambda: not lent_by(process.pid).exists())
     janitor.close(20)
@@ -190,10 +201,7 @@ def test_it_sees_what_is_made_while_it_lives(tmp_path: Path) -> None:
 
 def test_where_it_was_killed_its_work_is_done_in_the_end(tmp_path: Path) -> None:
     janitor = Janitor(tmp_path, "/bow/x", [])
-    SEGMENT.touch()
-    with holding(lock(SEGMENT)) as process:
-        janitor.tell(process.pid)
-        wait_until(lambda: bool(list(tmp_path.glob(f"{NOTE}.*"))))
+    with watched(janitor, tmp_path) as process:
         janitor._process.kill()
         janitor._process.wait()
         assert janitor.died
@@ -203,34 +211,37 @@ def test_where_it_was_killed_its_work_is_done_in_the_end(tmp_path: Path) -> None
     assert SEGMENT.exists()
     janitor.close(20)
     assert not SEGMENT.exists()
-    assert list(tmp_path.glob(f"{NOTE}.*")) == []
+    assert notes(tmp_path) == []
 
 
 SUPERVISES = """
 import os, signal, sys
 from pathlib import Path
-from bow_sweep.janitor import Janitor
-janitor = Janitor(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
+from bow_sweep import janitor
+janitor.LEAVE_S = float(sys.argv[3])
+keeper = janitor.Janitor(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
 print("supervises", flush=True)
 sys.stdin.read()
 """
 
 
 def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> None:
+    leave_s = 3.0
     SEGMENT.touch()
     with (
         holding(lock(SEGMENT)) as process,
         subprocess.Popen(
-            [sys.executable, "-c", SUPERVISES, tmp_path, str(process.pid)],
+            [sys.executable, "-c", SUPERVISES, tmp_path, str(process.pid), str(leave_s)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         ) as supervisor,
     ):
         assert supervisor.stdout is not None
         assert supervisor.stdout.readline() == b"supervises\n"
-        wait_until(lambda: bool(list(tmp_path.glob(f"{NOTE}.*"))))
-        (note,) = tmp_path.glob(f"{NOTE}.*")
+        wait_until(lambda: bool(notes(tmp_path)))
+        (note,) = notes(tmp_path)
         janitor = int(note.suffix[1:])
+        time.sleep(leave_s + 0.2)  # it has heard nothing for longer than it waits without a supervisor
         supervisor.send_signal(signal.SIGKILL)
         supervisor.wait()
         time.sleep(0.2)
