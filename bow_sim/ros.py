@@ -10,6 +10,7 @@ import resource
 import signal
 import socket
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -218,6 +219,11 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
 
 
 def end_after(seconds: int) -> None:
-    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all."""
+    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all.
+
+    Only from the main thread: a process with others is not ours to end.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(seconds)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+
+from .start import command
+
+if __name__ == "__main__":
+    sys.exit(command())
+
 import argparse
-import gc
 import importlib
 import json
 import os
-import sys
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -225,13 +230,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return fail("interrupted", INTERRUPTED)
     return status
 
-
-def command() -> int:
-    """Entry point of the command `bow`."""
-    status = main()
-    gc.freeze()  # all of it goes with the process: looking for garbage in it would take a fifth of a second
-    return status
-
-
-if __name__ == "__main__":
-    sys.exit(command())

@@ -1,0 +1,176 @@
+"""The directory of a new run: claimed before there is a process, given back where no run begins."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from .conduct import LOGS
+from .run import LEDGER, RunError, lock
+
+RUNS = Path("runs")
+
+AGAIN = 1000
+"""Names that are tried, where others take them at the same time."""
+
+SUPERVISOR = "supervisor"
+
+_BEFORE_THE_LEDGER = {LOGS, f".{SUPERVISOR}.lock", ".coordinator.lock", ".recorder.lock"}
+"""What a start leaves that was cut off before the run began."""
+
+_PROBE = ".writable"
+
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+
+
+@dataclass
+class Claim:
+    """A directory that this process alone works on.
+
+    Attributes
+    ----------
+    directory
+        Where it is, absolute.
+    made
+        Directories that were made for it, the innermost first.
+    lock
+        Descriptor of its lock, None where the file system has none.
+    """
+
+    directory: Path
+    made: list[Path]
+    lock: int | None
+
+    def release(self, *runs: Path) -> bool:
+        """Let go of it; return whether a run has begun in it, or in the directories `runs` below it.
+
+        Where none has, nothing is left of the attempt: the same command can be given again.
+        """
+        begun = any((run / LEDGER).exists() for run in (self.directory, *runs))
+        if not begun:
+            for run in (*runs, self.directory):
+                _remove_start(run)
+            for place in self.made:
+                with contextlib.suppress(OSError):  # not empty: something else is in it
+                    place.rmdir()
+        if self.lock is not None:
+            os.close(self.lock)
+        return begun
+
+
+def claim(out: Path | None, name: str) -> Claim:
+    """Make the directory of a new run, for this process alone.
+
+    Parameters
+    ----------
+    out
+        What the user named; None for a new one of the default name in runs/.
+    name
+        What the default name begins with.
+
+    Raises
+    ------
+    RunError
+        Where that cannot be; names what the user gave, or nothing that the user did not.
+    """
+    made: list[Path] = []
+    called = f"--out {out}" if out is not None else f"{RUNS}/"
+    remedy = "" if out is not None else "; --out DIR puts the run somewhere else"
+    try:
+        directory = _given(out.absolute(), made) if out is not None else _next(name, made)
+        held = _lock(directory)
+        probe = directory / _PROBE
+        probe.touch()
+        probe.unlink()
+    except RunError as error:
+        raise RunError(f"{called}: {error}") from None
+    except FileExistsError as error:
+        raise RunError(f"{called}: {error.filename} is a file; should be a directory that is new or empty") from None
+    except OSError as error:
+        for place in made:
+            with contextlib.suppress(OSError):
+                place.rmdir()
+        raise RunError(f"{called}: cannot be written: {error.strerror}{remedy}") from None
+    return Claim(directory, made, held)
+
+
+def take_up(directory: Path) -> Claim:
+    """Take a directory with a run for this process alone, to go on with it.
+
+    Raises
+    ------
+    RunError
+        Where another process is at work on it, no run was begun in it, or it cannot be written.
+    """
+    if directory.is_dir() and never_began(directory):
+        raise RunError(f"{directory}: no run was begun here; give the sweep anew, with --out {directory}")
+    try:
+        return Claim(directory, [], _lock(directory))
+    except OSError as error:
+        raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
+
+
+def never_began(directory: Path) -> bool:
+    """Return whether a directory holds nothing but what a start leaves that was cut off before its run began."""
+    return {path.name for path in directory.iterdir()} <= _BEFORE_THE_LEDGER
+
+
+def _given(directory: Path, made: list[Path]) -> Path:
+    """Make the directory that the user named, or use it where it is empty."""
+    _make(directory, made)
+    if not never_began(directory):
+        raise RunError(f"is not empty; choose a new one, or go on with: bow sweep --resume {directory}")
+    return directory.resolve()
+
+
+def _next(name: str, made: list[Path]) -> Path:
+    """Make a directory of the default name, with a number behind it where others have it already."""
+    parent = RUNS.absolute()
+    _make(parent, made)
+    stem = f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
+    for number in range(1, AGAIN):
+        directory = parent / (stem if number == 1 else f"{stem}-{number}")
+        try:
+            directory.mkdir()
+        except FileExistsError:
+            continue
+        made.insert(0, directory)
+        return directory.resolve()
+    raise RunError(f"{stem} and {AGAIN - 2} names like it are taken")
+
+
+def _make(directory: Path, made: list[Path]) -> None:
+    """Make a directory and those above it, as far as they are missing; add these to `made`."""
+    if directory.is_dir():
+        return
+    if directory.parent != directory:
+        _make(directory.parent, made)
+    try:
+        directory.mkdir()
+    except FileExistsError:  # another process has made it meanwhile
+        if not directory.is_dir():
+            raise
+    else:
+        made.insert(0, directory)
+
+
+def _lock(directory: Path) -> int | None:
+    try:
+        return lock(directory, SUPERVISOR)
+    except OSError as error:
+        if error.errno in _NO_LOCKS:  # the coordinator says what follows from it
+            return None
+        raise
+
+
+def _remove_start(directory: Path) -> None:
+    """Remove what a start has left in a directory."""
+    for name in _BEFORE_THE_LEDGER:
+        with contextlib.suppress(OSError):
+            (directory / name).unlink()
+    shutil.rmtree(directory / LOGS, ignore_errors=True)
