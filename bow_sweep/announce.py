@@ -40,8 +40,8 @@ def spec_message(run: Run) -> SweepSpec:
     return SweepSpec(preset=run.sweep.preset, settings=list(run.sweep.settings()))
 
 
-def plan_message(run: Run, state: int) -> Plan:
-    """Return the plan of a run with the state of every block."""
+def plan_message(run: Run, state: int, incarnation: str) -> Plan:
+    """Return the plan of a run with the state of every block, from the coordinator of this incarnation."""
     return Plan(
         run_id=run.run_id,
         sweep_id=run.sweep.sweep_id,
@@ -52,6 +52,7 @@ def plan_message(run: Run, state: int) -> Plan:
         classifier=run.sweep.thresholds.hash,
         block_states=bytes(BLOCK_STATES.get(block.state, Plan.OUTSTANDING) for block in run.ledger.blocks),
         rounds=run.blocks.announce().tobytes(),
+        incarnation=incarnation,
     )
 
 

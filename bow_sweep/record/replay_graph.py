@@ -7,10 +7,13 @@ verdicts. No more chunks are under way than a simulator's credit allows, so memo
 
 from __future__ import annotations
 
+import os
+import socket
 import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +29,9 @@ from bow_classifier.task import Task
 from bow_sim import wire
 from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
+from bow_sim.neighbours import FIRST_HELLO_S
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES, has_met
+from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES
 from bow_sweep.ending import Ending
 from bow_sweep.supervisor import GraphError, Supervisor, tail
 
@@ -36,7 +40,9 @@ from .survey import Chunks, Key, Survey
 
 CLASSIFIER = "classifier"
 LISTENERS = ("coordinator", "recorder")
-"""Who has to listen before the classifier takes itself for ready."""
+"""Who has to hear verdicts before the classifier takes itself for ready."""
+
+KINDS = {"bridge_force": BridgeForce, "stick_slip": StickSlip}
 
 PATIENCE_S = 60.0
 """Nothing takes so long: neither the classifier's start nor one chunk."""
@@ -90,18 +96,21 @@ class _Graph:
         self.executor: Executor = EventsExecutor(context=self.context)
         self.nodes = [self._node(name) for name in LISTENERS]
         self.health = Health()
+        self._said = 0.0
         self.answers: deque[bytes] = deque()
         self.states = np.zeros(task.blocks, np.uint8)
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
-        self.streams = {
-            "bridge_force": node.create_publisher(BridgeForce, "bridge_force", WAVES),
-            "stick_slip": node.create_publisher(StickSlip, "stick_slip", WAVES),
-        }
+        self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
         node.create_subscription(Health, "health", self._on_health, HEARD)
-        takers = (self._on_verdicts, lambda _: None)
-        for listener, take in zip(self.nodes, takers, strict=True):
-            listener.create_subscription(Verdicts, "verdicts", take, STREAM, raw=True)
+        self.incarnations = {name: random_id() for name in LISTENERS}
+        self.says = {name: each.create_publisher(Health, "health", LATCHED) for name, each in self._named()}
+        self.hearing: set[str] = set()  # which of us hear the classifier's verdicts
+        for name, listener in self._named():
+            listener.create_subscription(Verdicts, "verdicts", partial(self._on_verdicts, name), STREAM, raw=True)
+
+    def _named(self) -> list[tuple[str, Node]]:
+        return list(zip(LISTENERS, self.nodes, strict=True))
 
     def _node(self, name: str) -> Node:
         node = rclpy.create_node(name, namespace=self.namespace, context=self.context)
@@ -112,8 +121,28 @@ class _Graph:
         if message.role == CLASSIFIER:
             self.health = message
 
-    def _on_verdicts(self, data: bytes) -> None:
-        self.answers.append(data)
+    def _on_verdicts(self, name: str, data: bytes) -> None:
+        self.hearing.add(name)
+        if name == LISTENERS[0] and not wire.hello_from("Verdicts", data):
+            self.answers.append(data)
+
+    def say_health(self) -> None:
+        """Publish the heartbeats that the classifier waits for, and hellos where it does not yet hear the streams."""
+        now = time.monotonic()
+        if now - self._said < FIRST_HELLO_S:
+            return
+        self._said = now
+        for name, node in self._named():
+            heard = ["health", *(["verdicts"] if name in self.hearing else [])]
+            message = Health(role=name, node=node.get_fully_qualified_name(), incarnation=self.incarnations[name])
+            message.host, message.pid, message.run_id, message.state = (
+                *(socket.gethostname(), os.getpid(), self.task.run_id, Health.READY),
+            )
+            message.hears = [" ".join([self.health.incarnation, *heard])] if self.health.incarnation else []
+            self.says[name].publish(message)
+        if not self._streams_are_heard():
+            for topic, kind in KINDS.items():
+                self.streams[topic].publish(wire.hello(kind.__name__, self.incarnations[LISTENERS[0]]))
 
     def open(self) -> None:
         """Start the classifier; return when it has the plan and everybody hears everybody."""
@@ -126,7 +155,9 @@ class _Graph:
                 raise GraphError(f"the classifier does not take the plan: {self.health.detail}")
 
     def _streams_are_heard(self) -> bool:
-        return all(has_met(self.nodes[0], publisher, [CLASSIFIER]) for publisher in self.streams.values())
+        """Whether the classifier says that it hears our streams."""
+        mine = [words.split() for words in self.health.hears if words.startswith(self.incarnations[LISTENERS[0]])]
+        return any(set(KINDS) <= set(words) for words in mine)
 
     def say_plan(self) -> None:
         """Publish the plan of the bag as one in progress, with the thresholds and settled blocks of the replay."""
@@ -138,11 +169,13 @@ class _Graph:
             "spec.settings": sorted(others + mine),
             "classifier": self.task.thresholds.hash,
             "block_states": self.states,
+            "incarnation": self.incarnations[LISTENERS[0]],
         }
         self.plan.publish(wire.encode("Plan", {**self.survey.plan, **changed}))
 
     def spin(self, deadline: float, until: str) -> None:
         """Take in what comes; raise where the classifier is gone or `deadline` has passed."""
+        self.say_health()
         self.executor.spin_once(timeout_sec=0.1)
         self.ending.check()
         for death in self.supervisor.buried():
