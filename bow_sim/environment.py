@@ -16,7 +16,7 @@ MAX_DOMAIN = 232
 """From 233 on the ports of a domain would lie beyond 65535."""
 
 BOOTSTRAPPED = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-"""Says to the ROS wheels of a Python that LD_LIBRARY_PATH has their libraries; inherited, it may mean another Python's."""
+"""Tells ROS wheels that LD_LIBRARY_PATH has their libraries; inherited, it may mean those of another Python."""
 
 AT_START = ("LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONWARNINGS")
 """Variables that are read when a process begins: another value needs another beginning."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from .campaign import FILE as CAMPAIGN
 from .conduct import LOGS
+from .janitor import NOTE
 from .run import LEDGER, RunError, lock
 
 RUNS = Path("runs")
@@ -20,8 +21,10 @@ AGAIN = 1000
 
 SUPERVISOR = "supervisor"
 
-_BEFORE_THE_LEDGER = {LOGS, f".{SUPERVISOR}.lock", ".coordinator.lock", ".recorder.lock"}
-"""What a start leaves that was cut off before the run began."""
+_LOCKS = (f".{SUPERVISOR}.lock", ".coordinator.lock", ".recorder.lock")
+"""What a start leaves, beside logs, that was cut off before the run began."""
+
+DASHBOARD = "dashboard.rrd"
 
 _PROBE = ".writable"
 
@@ -40,22 +43,26 @@ class Claim:
         Directories that were made for it, the innermost first.
     lock
         Descriptor of its lock, None where the file system has none.
+    new
+        Whether it is for a new run.
     """
 
     directory: Path
     made: list[Path]
     lock: int | None
+    new: bool
 
     def release(self, *runs: Path) -> bool:
         """Let go of it; return whether a run has begun in it, or in the directories `runs` below it.
 
-        Where none has, nothing is left of the attempt: the same command can be given again.
+        Where a new one has not, nothing is left of the attempt: the same command can be given again.
         """
-        begun = any((run / LEDGER).exists() for run in (self.directory, *runs))
+        begun = not self.new or any((run / LEDGER).exists() for run in (self.directory, *runs))
         if not begun:
+            (self.directory / CAMPAIGN).unlink(missing_ok=True)
             for run in (*runs, self.directory):
                 _remove_start(run)
-            for place in self.made:
+            for place in (*(run for run in runs if run != self.directory), *self.made):
                 with contextlib.suppress(OSError):  # not empty: something else is in it
                     place.rmdir()
         if self.lock is not None:
@@ -96,7 +103,7 @@ def claim(out: Path | None, name: str) -> Claim:
             with contextlib.suppress(OSError):
                 place.rmdir()
         raise RunError(f"{called}: cannot be written: {error.strerror}{remedy}") from None
-    return Claim(directory, made, held)
+    return Claim(directory, made, held, new=True)
 
 
 def take_up(directory: Path) -> Claim:
@@ -110,14 +117,21 @@ def take_up(directory: Path) -> Claim:
     if directory.is_dir() and never_began(directory):
         raise RunError(f"{directory}: no run was begun here; give the sweep anew, with --out {directory}")
     try:
-        return Claim(directory, [], _lock(directory))
+        return Claim(directory, [], _lock(directory), new=False)
     except OSError as error:
         raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
 
 
 def never_began(directory: Path) -> bool:
     """Return whether a directory holds nothing but what a start leaves that was cut off before its run began."""
-    return {path.name for path in directory.iterdir()} <= _BEFORE_THE_LEDGER
+    logs = directory / LOGS
+    return all(path.name in _LOCKS or path == logs for path in directory.iterdir()) and (
+        not logs.exists() or all(map(_is_log, logs.iterdir()))
+    )
+
+
+def _is_log(path: Path) -> bool:
+    return path.suffix == ".log" or path.name.startswith(f"{NOTE}.")
 
 
 def _given(directory: Path, made: list[Path]) -> Path:
@@ -170,7 +184,8 @@ def _lock(directory: Path) -> int | None:
 
 def _remove_start(directory: Path) -> None:
     """Remove what a start has left in a directory."""
-    for name in _BEFORE_THE_LEDGER:
-        with contextlib.suppress(OSError):
-            (directory / name).unlink()
-    shutil.rmtree(directory / LOGS, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        left = [*(directory / name for name in (*_LOCKS, DASHBOARD)), *filter(_is_log, (directory / LOGS).iterdir())]
+        for path in left:
+            path.unlink(missing_ok=True)
+        (directory / LOGS).rmdir()

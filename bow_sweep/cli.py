@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from bow_classifier.thresholds import Thresholds
+from bow_sim import environment
 from bow_sim.model import ParameterError, Parameters
 from bow_sim.taps import embed_files
 
@@ -129,6 +130,12 @@ def _replay(args: argparse.Namespace) -> int:
 
     judge = judge_here
     if args.graph:
+        try:
+            ignored = environment.settle()
+        except environment.EnvironmentProblem as error:
+            return fail(str(error))
+        if ignored:
+            print(f"bow: {ignored}", file=sys.stderr)
         from .record.replay_graph import judge_in_graph as judge
     try:
         result = replay(args.directory, settings=args.settings, progress=percentages("replay"), judge=judge)
@@ -187,6 +194,12 @@ def _describe_field(field: Any) -> str:
 def _node(args: argparse.Namespace) -> int:
     from .supervisor import MODULES
 
+    try:
+        ignored = environment.settle()
+    except environment.EnvironmentProblem as error:
+        return fail(str(error))
+    if ignored:
+        print(f"bow: {ignored}", file=sys.stderr)
     sys.argv = [f"bow {args.command}", *args.arguments]
     status: int = importlib.import_module(MODULES[args.command]).main()
     return status
@@ -217,6 +230,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
+    environment.open_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and words[0] in NODES:  # argparse would take --help and --ros-args for its own
         return _node(argparse.Namespace(command=words[0], arguments=words[1:]))
@@ -229,4 +243,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return fail("interrupted", INTERRUPTED)
     return status
-

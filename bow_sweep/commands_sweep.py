@@ -7,19 +7,21 @@ import json
 import os
 import shlex
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bow_sim import reach
+from bow_sim import environment, reach
 from bow_sim.identity import random_id
 from bow_sim.model import MODELS, ParameterError
 from bow_sim.taps import embed_files
 
 from .campaign import FILE, Campaign, campaigns, report
 from .plan import Sweep, presets
+
+if TYPE_CHECKING:
+    from .claim import Claim
 
 DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses."""
@@ -95,10 +97,15 @@ class _Job:
 
 
 def _sweep(args: argparse.Namespace) -> int:
+    from .claim import claim, take_up
     from .run import RunError
 
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
+    try:
+        ignored = environment.settle()
+    except environment.EnvironmentProblem as error:
+        return fail(str(error))
     if args.network:
         try:
             os.environ.update(reach.asked(args.network))
@@ -108,9 +115,11 @@ def _sweep(args: argparse.Namespace) -> int:
     if args.resume and (args.preset or short or args.settings or args.out):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
     campaign = None
+    held: Claim | None = None
     try:
         if args.resume:
-            directory = args.resume.resolve()
+            held = take_up(args.resume.resolve())
+            directory = held.directory
             if (directory / FILE).exists():
                 campaign = Campaign.in_directory(directory)
             jobs = _unfinished(campaign, directory) if campaign else _resumed(directory)
@@ -122,16 +131,18 @@ def _sweep(args: argparse.Namespace) -> int:
             else:
                 jobs = {"": _Job(Path(), random_id(), Sweep.from_spec(args.preset, settings))}
             name = args.preset or jobs[""].sweep.parameters.model
-            directory = (args.out or Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}").resolve()
-            problem = _directory_problem(directory)
-            if problem:
-                return fail(problem)
+            held = claim(args.out, name)
+            directory = held.directory
             jobs = {preset: replace(job, directory=directory / preset) for preset, job in jobs.items()}
             if campaign:
                 campaign.begin(directory)
-    except (ParameterError, RunError) as error:
+    except (ParameterError, RunError, OSError) as error:
+        if held is not None:
+            held.release()
         return fail(str(error))
-    status = _run(args, directory, list(jobs.values()))
+    if ignored:
+        print(f"bow: {ignored}", file=sys.stderr)
+    status = _run(args, held, list(jobs.values()))
     if status != DONE:
         return status
     if campaign:
@@ -165,31 +176,17 @@ def _unfinished(campaign: Campaign, directory: Path) -> dict[str, _Job]:
     return left
 
 
-def _directory_problem(directory: Path) -> str:
-    """Return why a new run cannot go into `directory`, or ""; makes it."""
-    if directory.exists() and not directory.is_dir():
-        return f"--out {directory}: is a file; should be a directory that is new or empty"
-    try:
-        if directory.is_dir() and any(directory.iterdir()):
-            return f"--out {directory}: is not empty; choose a new one, or go on with --resume {directory}"
-        directory.mkdir(parents=True, exist_ok=True)
-        probe = directory / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        return f"--out {directory}: cannot be written: {error.strerror}"
-    return ""
-
-
-def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int:
-    """Carry out runs, one after the other, on one display."""
+def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job]) -> int:
+    """Carry out runs, one after the other, on one display; let go of their directory."""
     from .conduct import conduct
     from .display import Display
     from .supervisor import GraphError
 
     display = Display()
     dashboard = None if args.no_dashboard else {"view": args.view, "port": args.port}
-    again = f"go on with: bow sweep --resume {shlex.quote(str(directory))}"
+    again = f"go on with: bow sweep --resume {shlex.quote(str(held.directory))}"
+    unbegun = "no run was begun, and nothing is left of it: the same command can be given again"
+    runs = [job.directory for job in jobs]
     total = sum(job.sweep.budget for job in jobs)
     before = 0
     try:
@@ -209,11 +206,13 @@ def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int
             before += job.sweep.budget
     except KeyboardInterrupt:
         display.stop()
-        return fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
-    except GraphError as error:
+        begun = held.release(*runs)
+        return fail(f"interrupted; {f'nothing is lost, {again}' if begun else unbegun}", INTERRUPTED)
+    except (GraphError, OSError) as error:
         display.stop()
-        return fail(f"{error}\n{again}", FAILED)
+        return fail(f"{error}\n{again if held.release(*runs) else unbegun}", FAILED)
     display.stop()
+    held.release(*runs)
     return DONE
 
 
