@@ -69,6 +69,14 @@ def open_streams() -> None:
             setattr(sys, name, open(os.devnull, "r" if number == 0 else "w", encoding="utf-8"))  # noqa: SIM115
 
 
+def silence(name: str) -> None:
+    """Send what is printed on "stdout" or "stderr", and could not be written, to /dev/null, so that the end is quiet."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
+    except (OSError, ValueError, AttributeError):  # it is no real file, as in a notebook
+        return
+
+
 def cleaned(environment: Mapping[str, str]) -> dict[str, str]:
     """Return an environment without what would send our processes to other libraries.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shlex
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,8 +115,10 @@ def take_up(directory: Path) -> Claim:
     RunError
         Where another process is at work on it, no run was begun in it, or it cannot be written.
     """
-    if directory.is_dir() and never_began(directory):
-        raise RunError(f"{directory}: no run was begun here; give the sweep anew, with --out {directory}")
+    if not directory.is_dir():
+        raise RunError(f"{directory}: is no directory; should be a run directory of `bow sweep`")
+    if never_began(directory):
+        raise RunError(f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}")
     try:
         return Claim(directory, [], _lock(directory), new=False)
     except OSError as error:
@@ -138,7 +141,9 @@ def _given(directory: Path, made: list[Path]) -> Path:
     """Make the directory that the user named, or use it where it is empty."""
     _make(directory, made)
     if not never_began(directory):
-        raise RunError(f"is not empty; choose a new one, or go on with: bow sweep --resume {directory}")
+        begun = (directory / LEDGER).exists() or (directory / CAMPAIGN).exists()
+        go_on = f"go on with --resume {shlex.quote(str(directory))}" if begun else "an empty one"
+        raise RunError(f"is not empty; choose a new one, or {go_on}")
     return directory.resolve()
 
 

@@ -12,7 +12,6 @@ if __name__ == "__main__":
 import argparse
 import importlib
 import json
-import os
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -237,9 +236,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser().parse_args(words)
     try:
         status: int = args.run(args)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        sys.stdout.flush()
     except KeyboardInterrupt:
         return fail("interrupted", INTERRUPTED)
+    except OSError as error:
+        if error.filename is not None:
+            return fail(str(error), FAILED)
+        environment.silence("stdout")
+        nobody_reads = isinstance(error, BrokenPipeError)  # as `bow settings | head` does
+        return FAILED if nobody_reads else fail(f"standard output: {error.strerror}", FAILED)
     return status

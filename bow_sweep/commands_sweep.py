@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shlex
@@ -29,8 +30,18 @@ DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 
 def fail(message: str, status: int = USAGE) -> int:
     """Say what is wrong and return the exit status."""
-    print(f"bow: {message}", file=sys.stderr)
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(f"bow: {message}", file=sys.stderr)
     return status
+
+
+def tell(text: str) -> None:
+    """Print what there is to say of a finished sweep; where that cannot be, only words are lost."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        environment.silence("stdout")
+        fail(f"the sweep is done, but standard output: {error.strerror}")
 
 
 def _cores() -> int:
@@ -147,7 +158,7 @@ def _sweep(args: argparse.Namespace) -> int:
         return status
     if campaign:
         return _conclude(campaign, directory)
-    print(("" if jobs else "nothing to do: every block of this run is done or quarantined\n\n") + _summary(directory))
+    tell(("" if jobs else "nothing to do: every block of this run is done or quarantined\n\n") + _summary(directory))
     return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
 
 
@@ -229,15 +240,15 @@ def _conclude(campaign: Campaign, directory: Path) -> int:
             drawn = True
         except MapFileError as error:  # the settings make it another one
             print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
-    print(f"{campaign.title}\n")
+    tell(f"{campaign.title}\n")
     for preset, run in found["runs"].items():
         length = run["median_transient_periods"]
-        print(
+        tell(
             f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
             + (f", median transient {length:g} periods" if length else "")
         )
     cells = found["cells"]
-    print(
+    tell(
         f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
         f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
         + ("  maps.png        all maps, to look at\n" if drawn else "")
