@@ -6,7 +6,7 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
-COMMAND = {"bow": "bow_sweep.cli:command"}
+COMMAND = {"bow": "bow_sweep.start:command"}
 NODES = {
     "coordinator": "bow_sweep.coordinator:main",
     "simulator": "bow_sim.node:main",

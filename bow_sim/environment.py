@@ -38,6 +38,7 @@ def prepare() -> None:
     May start the same command anew in this process, where the variables of :data:`AT_START` were wrong.
     """
     open_streams()
+    _be_somewhere()
     if signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN:  # exit statuses of children would be lost
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     anew = os.environ.pop(_STARTED_ANEW, "")
@@ -46,6 +47,14 @@ def prepare() -> None:
     if wrong and not anew:
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**right, _STARTED_ANEW: "1"})
     _replace(right)
+
+
+def _be_somewhere() -> None:
+    """Leave a working directory that was removed: libraries ask for it. Nobody can make a file in the one we go to."""
+    try:
+        os.getcwd()
+    except OSError:
+        os.chdir("/proc")
 
 
 def _replace(right: Mapping[str, str]) -> None:

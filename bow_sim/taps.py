@@ -270,7 +270,9 @@ def _from_table(content: str, path: str) -> Reflection:
         raise ParameterError(f"{path}, {error}") from None
     for line, words in table:
         if len(words) != 2:
-            raise ParameterError(f"{path}, line {line}: {_short(' '.join(words))!r}: must be a lag in samples and a value")
+            raise ParameterError(
+                f"{path}, line {line}: {_short(' '.join(words))!r}: must be a lag in samples and a value"
+            )
         lag = _lag(words[0], f"{path}, line {line}: lag")
         if lag in values:
             raise ParameterError(f"{path}, line {line}: lag {lag}: must be there once only")

@@ -90,6 +90,7 @@ def claim(out: Path | None, name: str) -> Claim:
     called = f"--out {out}" if out is not None else f"{RUNS}/"
     remedy = "" if out is not None else "; --out DIR puts the run somewhere else"
     try:
+        _check_name(str(out or ""))
         directory = _given(out.absolute(), made) if out is not None else _next(name, made)
         held = _lock(directory)
         probe = directory / _PROBE
@@ -115,14 +116,24 @@ def take_up(directory: Path) -> Claim:
     RunError
         Where another process is at work on it, no run was begun in it, or it cannot be written.
     """
+    _check_name(str(directory))
     if not directory.is_dir():
         raise RunError(f"{directory}: is no directory; should be a run directory of `bow sweep`")
     if never_began(directory):
-        raise RunError(f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}")
+        raise RunError(
+            f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}"
+        )
     try:
         return Claim(directory, [], _lock(directory), new=False)
     except OSError as error:
         raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
+
+
+def _check_name(name: str) -> None:
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise RunError("the name is not UTF-8, as the names and parameters of ROS are") from None
 
 
 def never_began(directory: Path) -> bool:
