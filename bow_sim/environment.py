@@ -79,7 +79,7 @@ def open_streams() -> None:
 
 
 def silence(name: str) -> None:
-    """Send what is printed on "stdout" or "stderr", and could not be written, to /dev/null, so that the end is quiet."""
+    """Send what "stdout" or "stderr" could not take to /dev/null, so that the end is quiet."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
     except (OSError, ValueError, AttributeError):  # it is no real file, as in a notebook
