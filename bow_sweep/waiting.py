@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from bow_sim.neighbours import BUSY, CONSUMERS, READY, STARTING
 
-STUCK_S = 12.0
-"""A process that knows of the run and is not heard by the others for so long is started again."""
+STUCK_S, AFTER_STOP_S = 12.0, 6.0
+"""A process that does not get to work for so long is started again; after a stop, when all have long started, sooner."""
 
 UNHEARD_S = 15.0
 """A process has this long, while it does not compute, to be heard for the first time or again."""
@@ -62,6 +62,7 @@ class Waiting:
         self._run_id, self._look = run_id, look
         self._opened = math.inf  # when the coordinator had opened the run
         self._starting: dict[int, tuple[str, float]] = {}  # pid -> role, and since when it is not at work
+        self._patience = STUCK_S
         self._away: set[int] = set()  # those of them that have not taken up the run
         self._heard: dict[int, float] = {}
         self._usage: dict[int, tuple[Usage, float]] = {}  # what each used, and when it was so much
@@ -92,10 +93,15 @@ class Waiting:
         """Do not count the time in which one of our processes is stopped; return whether one is."""
         stopped = any(self._look(pid).stopped for pid in pids)
         if stopped:
+            self.note_stop()
             self._progress = (self._progress[0], now)
             self._starting = {pid: (role, now) for pid, (role, _) in self._starting.items()}
             self._heard.update(dict.fromkeys(self._heard.keys() & set(pids), now))
         return stopped
+
+    def note_stop(self) -> None:
+        """A process was stopped, or the machine slept: DDS may have lost what it does not find again."""
+        self._patience = AFTER_STOP_S
 
     def stuck(self, now: float) -> set[int]:
         """Return the processes that do not get to work; all others have as long again, with their successors.
@@ -106,7 +112,7 @@ class Waiting:
         starting = {pid: max(since, self._opened) for pid, (_, since) in self._starting.items()}
         consumers = {pid for pid, (role, _) in self._starting.items() if role in CONSUMERS}
         blamed = (self._away & consumers) or consumers or starting.keys()
-        stuck = {pid for pid in blamed if now - starting[pid] > STUCK_S}
+        stuck = {pid for pid in blamed if now - starting[pid] > self._patience}
         if stuck:
             self._away -= stuck
             self._starting = {pid: (role, now) for pid, (role, _) in self._starting.items() if pid not in stuck}

@@ -27,6 +27,9 @@ from .ending import Ending
 from .supervisor import Death, GraphError, Supervisor, tail
 from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting
 
+STOP_S = 5.0
+"""So long this process was stopped in all, that DDS may have lost others."""
+
 SAY_S = 5.0
 """What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
 
@@ -182,6 +185,8 @@ def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, 
     """
     now, waiting = node.awake.now(), node.waiting
     children = {child.process.pid: child for child in supervisor.children}
+    if node.awake.slept > STOP_S:
+        waiting.note_stop()
     if waiting.hold(children, now):
         return
     unheard = waiting.unheard(children, now)

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from bow_sim.neighbours import BUSY, READY, STARTING
-from bow_sweep.waiting import STALL_S, STUCK_S, UNHEARD_S, Usage, Waiting, usage
+from bow_sweep.waiting import AFTER_STOP_S, STALL_S, STUCK_S, UNHEARD_S, Usage, Waiting, usage
 
 RUN = "a" * 16
 
@@ -105,6 +105,9 @@ def test_time_in_which_a_process_is_stopped_does_not_count(machine: Machine) -> 
     machine.stopped = set()
     assert not waiting.hold({1, 2}, 1000.0)
     assert waiting.stuck(1000.0) == set()
+    waiting.hear(9, "coordinator", STARTING, RUN, 1000.0)
+    assert waiting.stuck(1000.0 + AFTER_STOP_S) == set()
+    assert waiting.stuck(1001.0 + AFTER_STOP_S) == {1}  # all have long started
     assert waiting.unheard({1, 2}, 1000.0) == set()
     assert not waiting.is_stalled(1000.0)
 
