@@ -19,6 +19,7 @@ import rclpy
 from bow_msgs.msg import Health
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -98,8 +99,10 @@ class BowNode(Node):
     finished = False
     status = 0
 
-    def __init__(self, role: str, name: str | None = None) -> None:
-        super().__init__(name or role, namespace=NAMESPACE)
+    def __init__(
+        self, role: str, name: str | None = None, namespace: str = NAMESPACE, context: Context | None = None
+    ) -> None:
+        super().__init__(name or role, namespace=namespace, context=context)
         self.incarnation = random_id()
         self.health = Health(
             role=role,

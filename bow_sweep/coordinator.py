@@ -16,13 +16,15 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from sensor_msgs.msg import Image
 
 from bow_sim import wire
-from bow_sim.identity import fingerprint, random_id
+from bow_sim.identity import random_id
 from bow_sim.model import ParameterError
 from bow_sim.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neighbour
 from bow_sim.ros import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError, live
 
 from . import announce
 from .basin import Basin
+from .closing import may_finish
+from .consumers import Consumers
 from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
 from .plan import Sweep
 from .pool import Pool
@@ -44,12 +46,6 @@ TICK_S = 0.2
 
 ANNOUNCE_S = 1.0
 """The plan is said again so often as long as recorder or classifier have not taken it up."""
-
-IDLE_S = 10.0
-"""After the plan has closed, a dashboard that is starting, or has no run yet, has this long to take this one up."""
-
-CLOSE_S = 60.0
-"""The recorder has this long to close the bag before the results are written without it."""
 
 
 class CoordinatorNode(BowNode):
@@ -74,7 +70,7 @@ class CoordinatorNode(BowNode):
         self._goal: Any = None
         self._closing = False
         self._nodes: dict[str, Health] = {}
-        self._consumers: dict[str, str] = {}
+        self._consumers = Consumers(self.neighbours, self.get_logger().error)
         self._tested = -1
         self._announced: Plan | None = None
         self._last_report = self._last_plan = self._last_hello = 0.0
@@ -205,34 +201,11 @@ class CoordinatorNode(BowNode):
         if message.role == "simulator":
             hears_us = neighbour is not None and "blocks" in neighbour.hears
             self._pool.on_health(message, run_id, hears_us, self.awake.now())
-        elif message.role in CONSUMERS and neighbour is not None and self._run is not None:
-            self._on_consumer(neighbour)
+        elif message.role in CONSUMERS and neighbour is not None and self._consumers.take(neighbour, self.awake.now()):
+            self.get_logger().warning(f"{message.role} restarted: unfinished blocks are due again")
+            self._handle(ConsumerRestarted(message.role))
         self._begin_work()
         self._finish_when_closed()
-
-    def _on_consumer(self, neighbour: Neighbour) -> None:
-        """Take note of a recorder or classifier; where there is one already, another counts when that has gone."""
-        role, incarnation = neighbour.role, neighbour.incarnation
-        known = self._consumers.get(role, "")
-        if known not in ("", incarnation) and self.neighbours.is_alive(known, self.awake.now()):
-            other = self.neighbours.get(known)
-            self.get_logger().error(
-                f"a second {role}, {neighbour.node} (process {neighbour.pid} on {neighbour.host}), is not heeded: "
-                f"process {other.pid if other else '?'} is at work; end one of them",
-                throttle_duration_sec=5.0,
-            )
-            return
-        self._consumers[role] = incarnation
-        if known not in ("", incarnation):
-            self.get_logger().warning(f"{role} restarted: unfinished blocks are due again")
-            self._handle(ConsumerRestarted(role))
-
-    def _is_ready(self, role: str) -> bool:
-        """Whether the recorder or classifier that counts is there and at work on this run."""
-        known = self.neighbours.get(self._consumers.get(role, ""))
-        if known is None or self._run is None or not self.neighbours.is_alive(known.incarnation, self.awake.now()):
-            return False
-        return known.run_id == self._run.run_id and known.state in (Health.READY, Health.BUSY)
 
     def _mine(self, values: Any) -> bool:
         run = self._run
@@ -312,13 +285,8 @@ class CoordinatorNode(BowNode):
 
     def _send(self, run: Run, block: int, attempt: int, simulator: str) -> None:
         incarnation = self._pool.send(simulator, block, attempt, self.awake.now())
-        if not incarnation:
-            return
-        cells = run.blocks.block(block)
-        lanes = run.sweep.lanes(cells)
-        values = {"block": block, "attempt": attempt, "cells": cells}
-        values |= {"x": lanes[run.sweep.x.name], "y": lanes[run.sweep.y.name]}
-        self._publish_block(run, incarnation, values)
+        if incarnation:
+            self._publish_block(announce.block_message(run, self.incarnation, incarnation, block, attempt))
 
     def _say_hello(self, now: float) -> None:
         """Show simulators that blocks arrive, more often while one does not say so."""
@@ -327,23 +295,13 @@ class CoordinatorNode(BowNode):
         deaf = any("blocks" not in simulator.hears for simulator in simulators)
         if run is not None and simulators and now - self._last_hello >= (FIRST_HELLO_S if deaf else HELLO_S):
             self._last_hello = now
-            self._publish_block(run, "", {"block": 0, "attempt": 0, "cells": (), "x": (), "y": ()})
+            self._publish_block(announce.block_message(run, self.incarnation))
 
-    def _publish_block(self, run: Run, simulator: str, values: dict[str, Any]) -> None:
-        common = {
-            "run_id": run.run_id,
-            "sweep_id": run.sweep.sweep_id,
-            "coordinator": self.incarnation,
-            "simulator": simulator,
-            "epoch": run.ledger.epoch,
-            "fingerprint": fingerprint(),
-            "spec.preset": run.sweep.preset,
-            "spec.settings": run.sweep.settings(),
-        }
+    def _publish_block(self, message: bytes) -> None:
         try:
-            self._blocks.publish(wire.encode("Block", {**common, **values}))
+            self._blocks.publish(message)
         except RCLError as error:  # a subscriber hangs: what is not taken is sent again
-            self.get_logger().warning(f"block {values['block']} is not sent: {error}", throttle_duration_sec=5.0)
+            self.get_logger().warning(f"a block is not sent: {error}", throttle_duration_sec=5.0)
 
     def _close_run(self) -> None:
         """Tell everybody that the run is over, and draw the map while they close what they write."""
@@ -373,7 +331,7 @@ class CoordinatorNode(BowNode):
         if self._closing:
             self._finish_when_closed()
             return
-        if now - self._last_plan >= ANNOUNCE_S and not all(map(self._is_ready, CONSUMERS)):
+        if now - self._last_plan >= ANNOUNCE_S and self._consumers.missing(run.run_id, now):
             self._publish_plan(Plan.OPEN)
         self._say_hello(now)
         self._begin_work()
@@ -389,35 +347,22 @@ class CoordinatorNode(BowNode):
         if run is None or self._closing:
             return
         now = self.awake.now()
-        waits_for = [self._lacks(role, run.run_id) for role in CONSUMERS if not self._is_ready(role)]
+        waits_for = self._consumers.missing(run.run_id, now)
         self._pool.look(now, may_join=not waits_for)
         if not waits_for and not self.neighbours.of_role("simulator", now):
-            waits_for = [f"no simulator is heard in {self.get_namespace()}"]
+            waits_for = ["no simulator is heard"]
         if waits_for:
-            self.become(Health.STARTING, f"waiting: {', '.join(waits_for)}")
+            self.become(Health.STARTING, f"waiting in {self.get_namespace()}: {', '.join(waits_for)}")
         elif self.health.state == Health.STARTING:
             self.become(Health.BUSY)
-
-    def _lacks(self, role: str, run_id: str) -> str:
-        """Return for people why a consumer is not ready."""
-        there = self.neighbours.of_role(role, self.awake.now())
-        if not there:
-            return f"no {role} is heard in {self.get_namespace()}"
-        mine = [known for known in there if known.run_id == run_id]
-        return f"{role} ({mine[0].detail or 'is starting'})" if mine else f"{role} has not taken up the run"
 
     def _finish_when_closed(self) -> None:
         """Finish once a recorder has closed the bag and no dashboard is still at work, or they take too long."""
         run = self._run
-        if not self._closing or run is None:
-            return
-        gone, waited = (Health.CLOSED, Health.FAILED, Health.DEAD), self.awake.now() - self._closed_at
-        late = waited > IDLE_S
-        nodes = [node for node in self._nodes.values() if node.run_id == run.run_id or (not node.run_id and not late)]
-        recorded = any(node.role == "recorder" and node.state in (Health.CLOSED, Health.FAILED) for node in nodes)
-        drawn = [node.state in gone for node in nodes if node.role == "dashboard"]
-        if (recorded and all(drawn) and (drawn or late or not self._shown)) or waited > CLOSE_S:
-            self._finish()
+        if self._closing and run is not None:
+            waited = self.awake.now() - self._closed_at
+            if may_finish(self._nodes.values(), run.run_id, waited, self._shown):
+                self._finish()
 
     # ---- what goes out
 

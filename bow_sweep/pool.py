@@ -136,23 +136,22 @@ class Pool:
         for key, sent in list(known.sent.items()):
             if key in known.holds:
                 sent.taken = True
-                continue
-            if key in refused:
-                self._refuse(name, known, key, "refused", now)
-            elif sent.taken:
+            elif sent.taken and key not in refused:
                 del known.sent[key]
                 known.pause = 0.0
                 self._emit(Finished(name, *key))
-            elif now - sent.at > TAKEN_S:
-                self._refuse(name, known, key, f"not taken within {TAKEN_S:g} s", now)
+        for key, sent in list(known.sent.items()):
+            if key in refused or (key not in known.holds and now - sent.at > TAKEN_S):
+                why = "refused" if key in refused else f"not taken within {TAKEN_S:g} s"
+                self._refuse(name, known, key, why, now)
+                return
 
     def _refuse(self, name: str, known: _Simulator, key: tuple[int, int], why: str, now: float) -> None:
-        del known.sent[key]
+        """Let a simulator pause that does not compute a block; all that it was to compute is due again."""
         known.pause = min(max(2 * known.pause, FIRST_PAUSE_S), LONGEST_PAUSE_S)
         known.resume_at = now + known.pause
         self._complain(f"{name}: block {key[0]}, attempt {key[1]} {why}; its log says more")
-        self._emit(Refused(name, *key, why))
-        self._lose(name, why, blame=False)
+        self._lose(name, f"block {key[0]}, attempt {key[1]} {why}", blame=False)
 
     def look(self, now: float, may_join: bool) -> None:
         """Miss silent simulators, and where `may_join` offer those that are ready; call a few times a second."""

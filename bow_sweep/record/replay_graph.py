@@ -7,8 +7,6 @@ verdicts. No more chunks are under way than a simulator's credit allows, so memo
 
 from __future__ import annotations
 
-import os
-import socket
 import tempfile
 import time
 from collections import deque
@@ -22,7 +20,6 @@ import rclpy
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.task import Task
@@ -31,7 +28,7 @@ from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
 from bow_sim.neighbours import FIRST_HELLO_S
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES
+from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES, BowNode
 from bow_sweep.ending import Ending
 from bow_sweep.supervisor import GraphError, Supervisor, tail
 
@@ -94,7 +91,7 @@ class _Graph:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.executor: Executor = EventsExecutor(context=self.context)
-        self.nodes = [self._node(name) for name in LISTENERS]
+        self.nodes = [self._node(role) for role in LISTENERS]
         self.health = Health()
         self._said = 0.0
         self.answers: deque[bytes] = deque()
@@ -103,17 +100,12 @@ class _Graph:
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
         node.create_subscription(Health, "health", self._on_health, HEARD)
-        self.incarnations = {name: random_id() for name in LISTENERS}
-        self.says = {name: each.create_publisher(Health, "health", LATCHED) for name, each in self._named()}
-        self.hearing: set[str] = set()  # which of us hear the classifier's verdicts
-        for name, listener in self._named():
-            listener.create_subscription(Verdicts, "verdicts", partial(self._on_verdicts, name), STREAM, raw=True)
+        for each in self.nodes:
+            each.create_subscription(Verdicts, "verdicts", partial(self._on_verdicts, each), STREAM, raw=True)
 
-    def _named(self) -> list[tuple[str, Node]]:
-        return list(zip(LISTENERS, self.nodes, strict=True))
-
-    def _node(self, name: str) -> Node:
-        node = rclpy.create_node(name, namespace=self.namespace, context=self.context)
+    def _node(self, role: str) -> BowNode:
+        node = BowNode(role, namespace=self.namespace, context=self.context)
+        node.become(Health.READY, "replays a bag", self.task.run_id)
         self.executor.add_node(node)
         return node
 
@@ -121,28 +113,18 @@ class _Graph:
         if message.role == CLASSIFIER:
             self.health = message
 
-    def _on_verdicts(self, name: str, data: bytes) -> None:
-        self.hearing.add(name)
-        if name == LISTENERS[0] and not wire.hello_from("Verdicts", data):
+    def _on_verdicts(self, node: BowNode, data: bytes) -> None:
+        node.heard("verdicts", self.health.incarnation)
+        if node is self.nodes[0] and not wire.hello_from("Verdicts", data):
             self.answers.append(data)
 
-    def say_health(self) -> None:
-        """Publish the heartbeats that the classifier waits for, and hellos where it does not yet hear the streams."""
+    def say_hello(self) -> None:
+        """Show the classifier our streams until it says that it hears them."""
         now = time.monotonic()
-        if now - self._said < FIRST_HELLO_S:
-            return
-        self._said = now
-        for name, node in self._named():
-            heard = ["health", *(["verdicts"] if name in self.hearing else [])]
-            message = Health(role=name, node=node.get_fully_qualified_name(), incarnation=self.incarnations[name])
-            message.host, message.pid, message.run_id, message.state = (
-                *(socket.gethostname(), os.getpid(), self.task.run_id, Health.READY),
-            )
-            message.hears = [" ".join([self.health.incarnation, *heard])] if self.health.incarnation else []
-            self.says[name].publish(message)
-        if not self._streams_are_heard():
+        if now - self._said >= FIRST_HELLO_S and not self._streams_are_heard():
+            self._said = now
             for topic, kind in KINDS.items():
-                self.streams[topic].publish(wire.hello(kind.__name__, self.incarnations[LISTENERS[0]]))
+                self.streams[topic].publish(wire.hello(kind.__name__, self.nodes[0].incarnation))
 
     def open(self) -> None:
         """Start the classifier; return when it has the plan and everybody hears everybody."""
@@ -155,9 +137,8 @@ class _Graph:
                 raise GraphError(f"the classifier does not take the plan: {self.health.detail}")
 
     def _streams_are_heard(self) -> bool:
-        """Whether the classifier says that it hears our streams."""
-        mine = [words.split() for words in self.health.hears if words.startswith(self.incarnations[LISTENERS[0]])]
-        return any(set(KINDS) <= set(words) for words in mine)
+        known = self.nodes[0].neighbours.get(self.health.incarnation)
+        return known is not None and set(KINDS) <= known.hears
 
     def say_plan(self) -> None:
         """Publish the plan of the bag as one in progress, with the thresholds and settled blocks of the replay."""
@@ -169,13 +150,13 @@ class _Graph:
             "spec.settings": sorted(others + mine),
             "classifier": self.task.thresholds.hash,
             "block_states": self.states,
-            "incarnation": self.incarnations[LISTENERS[0]],
+            "incarnation": self.nodes[0].incarnation,
         }
         self.plan.publish(wire.encode("Plan", {**self.survey.plan, **changed}))
 
     def spin(self, deadline: float, until: str) -> None:
         """Take in what comes; raise where the classifier is gone or `deadline` has passed."""
-        self.say_health()
+        self.say_hello()
         self.executor.spin_once(timeout_sec=0.1)
         self.ending.check()
         for death in self.supervisor.buried():
