@@ -200,8 +200,10 @@ def _lock(directory: Path) -> int | None:
 
 def _remove_start(directory: Path) -> None:
     """Remove what a start has left in a directory."""
+    logs = directory / LOGS
     with contextlib.suppress(OSError):
-        left = [*(directory / name for name in (*_LOCKS, DASHBOARD)), *filter(_is_log, (directory / LOGS).iterdir())]
-        for path in left:
+        for name in (*_LOCKS, DASHBOARD):
+            (directory / name).unlink(missing_ok=True)
+        for path in filter(_is_log, logs.iterdir()):
             path.unlink(missing_ok=True)
-        (directory / LOGS).rmdir()
+        logs.rmdir()

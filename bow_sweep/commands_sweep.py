@@ -44,8 +44,21 @@ def tell(text: str) -> None:
         fail(f"the sweep is done, but standard output: {error.strerror}")
 
 
+MOST_A_CORE = 8
+"""Simulators that start well on a core. More take each other's time until they hear each other, and compute no faster:
+of 64 on two cores none began within minutes."""
+
+MOST = 64
+"""Simulators of one graph on one machine: each hears every other node."""
+
+
 def _cores() -> int:
     return len(os.sched_getaffinity(0))
+
+
+def bounded(simulators: int, cores: int) -> int:
+    """Return how many simulators are started where so many are asked for."""
+    return min(simulators, MOST_A_CORE * cores, MOST)
 
 
 def add_command(commands: Any) -> None:
@@ -75,7 +88,13 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
-    parser.add_argument("--simulators", metavar="N", type=int, default=_cores(), help="processes (default: one a core)")
+    parser.add_argument(
+        "--simulators",
+        metavar="N",
+        type=int,
+        default=bounded(_cores(), _cores()),
+        help="processes (default: one a core)",
+    )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="go on with this run directory")
     parser.add_argument(
@@ -153,6 +172,10 @@ def _sweep(args: argparse.Namespace) -> int:
         return fail(str(error))
     if ignored:
         print(f"bow: {ignored}", file=sys.stderr)
+    most = bounded(args.simulators, _cores())
+    if most < args.simulators:
+        print(f"bow: --simulators {args.simulators}: {most} are started, more do not start well here", file=sys.stderr)
+        args.simulators = most
     status = _run(args, held, list(jobs.values()))
     if status != DONE:
         return status

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from .run import REPORT, RunError, is_finished, read_ledger
 from .supervisor import Supervisor
 
 LOGS = "log"
+AT_ONCE, BETWEEN_S = 8, 0.1
+"""So many simulators are started at once, and the others so long after one another: all begin by using a whole core."""
+
 INSPECTED = 6
 """Cells whose waveforms the dashboard shows unless told else."""
 
@@ -92,8 +96,12 @@ def conduct(
                 supervisor.start(role)
             with ending.at_once():
                 _load_compiled(sweep)
-            for role in ["classifier"] + ["simulator"] * simulators:
-                supervisor.start(role)
+            supervisor.start("classifier")
+            for number in range(simulators):
+                if number >= AT_ONCE:
+                    time.sleep(BETWEEN_S)
+                    ending.check()
+                supervisor.start("simulator")
             if dashboard is not None:  # last, as nobody waits for it
                 supervisor.start("dashboard")
             from .watch import watch  # it loads ROS: a process with DDS should not be copied

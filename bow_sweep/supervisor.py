@@ -33,8 +33,8 @@ MODULES = {
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
 """Sources first, so that the recorder still hears what was under way."""
 
-STOP_S = 15.0
-"""After a polite signal a process has this long before it is killed."""
+STOP_S, LEAST_STOP_S = 15.0, 3.0
+"""All processes have this long after a polite signal before they are killed, and those of each role at least that."""
 
 CRASHES = 5
 CRASHES_WITHIN_S = 20.0
@@ -221,11 +221,12 @@ class Supervisor:
         Where the graph is not `idle`, those that publish go first, so that the recorder still hears them.
         """
         stubborn: list[Child] = []
+        began = time.monotonic()
         for roles in [STOP_ORDER] if idle else [[role] for role in STOP_ORDER]:
             group = [child for child in self.children if child.role in roles]
             for child in group:
                 child.ask_to_end()
-            deadline = time.monotonic() + STOP_S
+            deadline = max(began + STOP_S, time.monotonic() + LEAST_STOP_S)
             for child in [*group, *self._leaving]:
                 try:
                     child.process.wait(max(0.1, deadline - time.monotonic()))
