@@ -41,12 +41,22 @@ def prepare() -> None:
     _be_somewhere()
     if signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN:  # exit statuses of children would be lost
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    _find_title()
     anew = os.environ.pop(_STARTED_ANEW, "")
     right = cleaned(os.environ)
     wrong = [name for name in AT_START if right.get(name) != os.environ.get(name)]
     if wrong and not anew:
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**right, _STARTED_ANEW: "1"})
     _replace(right)
+
+
+def _find_title() -> None:
+    """Let setproctitle find where the title of this process is: once the environment has changed, it cannot."""
+    try:
+        import setproctitle
+    except ImportError:
+        return
+    setproctitle.getproctitle()
 
 
 def _be_somewhere() -> None:

@@ -135,6 +135,7 @@ def test_what_is_started_again_is_no_module_of_the_working_directory(
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.kill("simulator_1")
         assert sweep.wait() == 0, sweep.text
+    monkeypatch.undo()
     verified(directory)
     assert_same_map(undisturbed, directory)
 
@@ -174,7 +175,8 @@ def test_a_start_that_fails_leaves_nothing_and_can_be_given_again(
 def test_more_simulators_than_start_well_are_not_started(tmp_path: Path, ros_domain: int) -> None:
     directory = tmp_path / "run"
     with sweeping(directory, *TINY, "--simulators", "1000", "--out", str(directory)) as sweep:
-        sweep.wait_until(lambda: "are started" in sweep.text)
+        sweep.wait_until(lambda: bool(sweep.children("simulator")))
+        assert " are started" in sweep.text
         sweep.process.send_signal(signal.SIGTERM)
         assert sweep.wait() == 130, sweep.text
     assert not orphans(directory)

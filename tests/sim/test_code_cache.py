@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -132,7 +131,7 @@ def test_a_home_that_is_none_is_not_made(place, monkeypatch, home):
     monkeypatch.setenv("HOME", home)
     monkeypatch.chdir(place)
     for directory in code_cache.candidates(str(place / "code" / "mine.py")):
-        assert os.path.isabs(directory)
+        assert Path(directory).is_absolute()
         assert "nonexistent" not in directory
 
 

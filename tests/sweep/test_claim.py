@@ -36,7 +36,7 @@ def test_names_are_numbered_where_others_have_them(monkeypatch: pytest.MonkeyPat
 
 def test_one_directory_is_for_one_process(folder: Path) -> None:
     first = claim(folder / "run", "fig")
-    with pytest.raises(RunError, match="--out .*another supervisor is at work"):
+    with pytest.raises(RunError, match=r"--out .*another supervisor is at work"):
         claim(folder / "run", "fig")
     assert not first.release()
     assert not (folder / "run").exists()
@@ -110,7 +110,7 @@ def test_a_default_directory_that_cannot_be_made_speaks_of_no_option_that_was_no
     with pytest.raises(RunError) as refusal:
         claim(None, "fig")
     assert str(refusal.value).startswith("runs/: ")
-    os.unlink("runs")
+    (folder / "runs").unlink()
     os.chdir("/proc")
-    with pytest.raises(RunError, match="^runs/: cannot be written: .*; --out DIR puts the run somewhere else$"):
+    with pytest.raises(RunError, match=r"^runs/: cannot be written: .*; --out DIR puts the run somewhere else$"):
         claim(None, "fig")
