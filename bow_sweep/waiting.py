@@ -14,7 +14,7 @@ from typing import NamedTuple
 from bow_sim.neighbours import BUSY, CONSUMERS, READY, STARTING
 
 STUCK_S, AFTER_STOP_S = 12.0, 6.0
-"""A process that does not get to work for so long is started again; after a stop, when all have long started, sooner."""
+"""A process that does not get to work for so long is started again; sooner after a stop, when all have long started."""
 
 UNHEARD_S = 15.0
 """A process has this long, while it does not compute, to be heard for the first time or again."""
