@@ -89,9 +89,9 @@ class Waiting:
         if progress != self._progress[0]:
             self._progress = (progress, now)
 
-    def hold(self, pids: Collection[int], now: float) -> bool:
-        """Do not count the time in which one of our processes is stopped; return whether one is."""
-        stopped = any(self._look(pid).stopped for pid in pids)
+    def hold(self, pids: Collection[int], now: float) -> set[int]:
+        """Do not count the time in which one of our processes is stopped; return those that are."""
+        stopped = {pid for pid in pids if self._look(pid).stopped}
         if stopped:
             self.note_stop()
             self._progress = (self._progress[0], now)

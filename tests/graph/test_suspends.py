@@ -1,4 +1,4 @@
-"""Processes that are stopped and go on, as a laptop's sleep or a batch system has it: the sweep ends by itself, whole."""
+"""Processes that are stopped and go on, as a laptop's sleep or a batch system does it: the sweep ends by itself."""
 
 from __future__ import annotations
 
