@@ -187,7 +187,10 @@ def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, 
     children = {child.process.pid: child for child in supervisor.children}
     if node.awake.slept > STOP_S:
         waiting.note_stop()
-    if waiting.hold(children, now):
+    stopped = waiting.hold(children, now)
+    if stopped:
+        names = ", ".join(sorted(children[pid].name for pid in stopped))
+        node.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
         return
     unheard = waiting.unheard(children, now)
     if unheard and len(unheard) == len(children):
