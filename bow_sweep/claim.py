@@ -114,7 +114,7 @@ def take_up(directory: Path) -> Claim:
     Raises
     ------
     RunError
-        Where another process is at work on it, no run was begun in it, or it cannot be written.
+        Where another process is at work on it, or no run was begun in it.
     """
     _check_name(str(directory))
     if not directory.is_dir():
@@ -124,9 +124,10 @@ def take_up(directory: Path) -> Claim:
             f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}"
         )
     try:
-        return Claim(directory, [], _lock(directory), new=False)
-    except OSError as error:
-        raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
+        held = _lock(directory)
+    except OSError:  # read-only: a finished run can still be looked at, and another one is refused by whoever writes
+        held = None
+    return Claim(directory, [], held, new=False)
 
 
 def _check_name(name: str) -> None:

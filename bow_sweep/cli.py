@@ -193,12 +193,6 @@ def _describe_field(field: Any) -> str:
 def _node(args: argparse.Namespace) -> int:
     from .supervisor import MODULES
 
-    try:
-        ignored = environment.settle()
-    except environment.EnvironmentProblem as error:
-        return fail(str(error))
-    if ignored:
-        print(f"bow: {ignored}", file=sys.stderr)
     sys.argv = [f"bow {args.command}", *args.arguments]
     status: int = importlib.import_module(MODULES[args.command]).main()
     return status
