@@ -71,7 +71,7 @@ class Claim:
         return begun
 
 
-def claim(out: Path | None, name: str) -> Claim:
+def claim(out: Path | None, name: str, locked: bool = True) -> Claim:
     """Make the directory of a new run, for this process alone.
 
     Parameters
@@ -80,6 +80,8 @@ def claim(out: Path | None, name: str) -> Claim:
         What the user named; None for a new one of the default name in runs/.
     name
         What the default name begins with.
+    locked
+        Keep others off it; not on file systems that have no locks.
 
     Raises
     ------
@@ -89,10 +91,11 @@ def claim(out: Path | None, name: str) -> Claim:
     made: list[Path] = []
     called = f"--out {out}" if out is not None else f"{RUNS}/"
     remedy = "" if out is not None else "; --out DIR puts the run somewhere else"
+    held = None
     try:
         _check_name(str(out or ""))
         directory = _given(out.absolute(), made) if out is not None else _next(name, made)
-        held = _lock(directory)
+        held = Claim(directory, made, _lock(directory) if locked else None, new=True)
         probe = directory / _PROBE
         probe.touch()
         probe.unlink()
@@ -104,11 +107,13 @@ def claim(out: Path | None, name: str) -> Claim:
         for place in made:
             with contextlib.suppress(OSError):
                 place.rmdir()
+        if held is not None:
+            held.release()
         raise RunError(f"{called}: cannot be written: {error.strerror}{remedy}") from None
-    return Claim(directory, made, held, new=True)
+    return held
 
 
-def take_up(directory: Path) -> Claim:
+def take_up(directory: Path, locked: bool = True) -> Claim:
     """Take a directory with a run for this process alone, to go on with it.
 
     Raises
@@ -124,7 +129,7 @@ def take_up(directory: Path) -> Claim:
             f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}"
         )
     try:
-        held = _lock(directory)
+        held = _lock(directory) if locked else None
     except OSError:  # read-only: a finished run can still be looked at, and another one is refused by whoever writes
         held = None
     return Claim(directory, [], held, new=False)
