@@ -23,7 +23,7 @@ from bow_sim.model import ParameterError, Parameters
 from bow_sim.taps import embed_files
 
 from . import commands_compare, commands_paper, commands_sweep
-from .commands_sweep import DONE, FAILED, INTERRUPTED, SET_HELP, fail
+from .commands_sweep import DONE, FAILED, INTERRUPTED, SET_HELP, USAGE, fail, settled
 from .display import percentages
 from .plan import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 
@@ -129,12 +129,8 @@ def _replay(args: argparse.Namespace) -> int:
 
     judge = judge_here
     if args.graph:
-        try:
-            ignored = environment.settle()
-        except environment.EnvironmentProblem as error:
-            return fail(str(error))
-        if ignored:
-            print(f"bow: {ignored}", file=sys.stderr)
+        if not settled():
+            return USAGE
         from .record.replay_graph import judge_in_graph as judge
     try:
         result = replay(args.directory, settings=args.settings, progress=percentages("replay"), judge=judge)
@@ -193,6 +189,8 @@ def _describe_field(field: Any) -> str:
 def _node(args: argparse.Namespace) -> int:
     from .supervisor import MODULES
 
+    if not settled():
+        return USAGE
     sys.argv = [f"bow {args.command}", *args.arguments]
     status: int = importlib.import_module(MODULES[args.command]).main()
     return status

@@ -30,9 +30,26 @@ DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 
 def fail(message: str, status: int = USAGE) -> int:
     """Say what is wrong and return the exit status."""
+    warn(message)
+    return status
+
+
+def warn(message: str) -> None:
+    """Say what people should know."""
     with contextlib.suppress(OSError):  # nobody reads it
         print(f"bow: {message}", file=sys.stderr)
-    return status
+
+
+def settled() -> bool:
+    """Return whether a graph can start in this environment; says why not, or what is ignored."""
+    try:
+        ignored = environment.settle()
+    except environment.EnvironmentProblem as error:
+        fail(str(error))
+        return False
+    if ignored:
+        warn(ignored)
+    return True
 
 
 def tell(text: str) -> None:
@@ -41,7 +58,7 @@ def tell(text: str) -> None:
         print(text, flush=True)
     except OSError as error:
         environment.silence("stdout")
-        fail(f"the sweep is done, but standard output: {error.strerror}")
+        warn(f"the sweep is done, but standard output: {error.strerror}")
 
 
 MOST_A_CORE = 8
@@ -132,10 +149,8 @@ def _sweep(args: argparse.Namespace) -> int:
 
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
-    try:
-        ignored = environment.settle()
-    except environment.EnvironmentProblem as error:
-        return fail(str(error))
+    if not settled():
+        return USAGE
     if args.network:
         try:
             os.environ.update(reach.asked(args.network))
@@ -170,11 +185,9 @@ def _sweep(args: argparse.Namespace) -> int:
         if held is not None:
             held.release()
         return fail(str(error))
-    if ignored:
-        print(f"bow: {ignored}", file=sys.stderr)
     most = bounded(args.simulators, _cores())
     if most < args.simulators:
-        print(f"bow: --simulators {args.simulators}: {most} are started, more do not start well here", file=sys.stderr)
+        warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
         args.simulators = most
     status = _run(args, held, list(jobs.values()))
     if status != DONE:

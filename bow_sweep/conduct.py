@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import time
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,8 @@ from .supervisor import Supervisor
 
 LOGS = "log"
 AT_ONCE, BETWEEN_S = 8, 0.1
-"""So many simulators are started at once, and the others so long after one another: all begin by using a whole core."""
+"""So many simulators, or one a core, are started at once, the others so long after one another: each begins by using a
+whole core."""
 
 INSPECTED = 6
 """Cells whose waveforms the dashboard shows unless told else."""
@@ -98,7 +100,7 @@ def conduct(
                 _load_compiled(sweep)
             supervisor.start("classifier")
             for number in range(simulators):
-                if number >= AT_ONCE:
+                if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
                     time.sleep(BETWEEN_S)
                     ending.check()
                 supervisor.start("simulator")
