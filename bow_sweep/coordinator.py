@@ -44,6 +44,9 @@ TICK_S = 0.2
 IDLE_S = 10.0
 """After the plan has closed, a dashboard that is starting, or has no run yet, has this long to take this one up."""
 
+DRAW_S = 20.0
+"""It has this long to finish; it is only for looking at."""
+
 CLOSE_S = 60.0
 """The recorder has this long to close the bag before the results are written without it."""
 
@@ -312,7 +315,9 @@ class CoordinatorNode(BowNode):
         self._publish_plan(Plan.CLOSED)
         self.become(Health.BUSY, "drawing the map, while the bag is closed")
         self._playability = playability_of(self._run, self._basin)
-        write_results(self._run, self._basin)
+        if problem := write_results(self._run, self._basin):
+            self.get_logger().error(f"not drawn: {problem}")
+            self.become(Health.BUSY, f"not drawn: {problem}")
         self.become(Health.BUSY, "waiting for the bag to close")
 
     # ---- five times a second
@@ -354,8 +359,11 @@ class CoordinatorNode(BowNode):
         nodes = [node for node in self._nodes.values() if node.run_id == run.run_id or (not node.run_id and not late)]
         recorded = any(node.role == "recorder" and node.state in (Health.CLOSED, Health.FAILED) for node in nodes)
         drawn = [node.state in gone for node in nodes if node.role == "dashboard"]
-        if (recorded and all(drawn) and (drawn or late or not self._shown)) or waited > CLOSE_S:
+        bound = DRAW_S if recorded else CLOSE_S
+        if (recorded and all(drawn) and (drawn or late or not self._shown)) or waited > bound:
             self._finish()
+        elif recorded and late:
+            self.become(Health.BUSY, f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most")
 
     def _answers_reach_us(self) -> bool:
         return publishes(self, "recorder", "receipts") and publishes(self, "classifier", "verdicts")

@@ -39,6 +39,9 @@ CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
 
+SPECTATORS = ("dashboard",)
+"""Roles that are only for looking at: one that cannot live is left out."""
+
 NAMED = 5
 """Arguments of a node that say which it is: ``--ros-args``, its name, its namespace."""
 
@@ -123,6 +126,8 @@ class Supervisor:
         self._leaving: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
+        self.left_out: list[Path] = []
+        """Logs of the processes that are not started again, though the graph goes on."""
         self._janitor: Janitor | None = None
         logs.mkdir(parents=True, exist_ok=True)
 
@@ -174,6 +179,22 @@ class Supervisor:
         self.children = [child for child in self.children if child.process.returncode is None]
         return gone
 
+    def leaves_out(self, death: Death) -> str:
+        """Return why a process that is only for looking at is not started again, for people, or "".
+
+        One that failed before it came to work would do so again; the others may end as often as a role may crash.
+        """
+        child = death.child
+        if child.role not in SPECTATORS:
+            return ""
+        ends = self._deaths[child.role] = [*self._deaths.get(child.role, []), time.monotonic()]
+        if len(ends) < CRASHES and (child.worked or death.status <= 0):
+            return ""
+        self.left_out.append(child.log)
+        times = f"ended {len(ends)} times, at last: " if len(ends) > 1 else ""
+        last = tail(child.log, 1).partition(f"{child.log.name}: ")[2] if death.status > 0 else ""
+        return f"{times}{death.cause}" + (f": {last}" if last else "")
+
     def revive(self, death: Death) -> Child:
         """Start a process again.
 
@@ -184,7 +205,7 @@ class Supervisor:
         GraphError
             Where its role dies again and again.
         """
-        if death.child.role == "simulator" and death.child.worked:
+        if (death.child.role == "simulator" and death.child.worked) or death.child.role in SPECTATORS:
             return self.start(death.child.role)
         now = time.monotonic()
         deaths = [when for when in self._deaths.get(death.child.role, []) if now - when < CRASHES_WITHIN_S]

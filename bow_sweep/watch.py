@@ -26,6 +26,11 @@ STUCK_S = 12.0
 """A process that knows of the run and has not met the others for so long is started again: where one was killed, Fast
 DDS sometimes does not connect its successor."""
 
+NOTE = "; note: "
+"""In what a node says of itself, before each thing that people should read; below, beginnings of such."""
+
+NEWS = ("rejects blocks", "not drawn: ", "waiting for the dashboard")
+
 
 class SupervisorNode(BowNode):
     """Tells the graph which of its processes have ended, and listens to how the sweep goes on."""
@@ -69,11 +74,10 @@ class SupervisorNode(BowNode):
             self._note_start(message, time.monotonic())
         if message.state == Health.FAILED and message.role in CONSUMERS:
             self.failed = f"{message.role}: {message.detail}"
-        elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
+        elif message.state == Health.FAILED or message.detail.startswith(NEWS):
             self.news.setdefault(f"{message.node}: {message.detail}", True)
-        _, found, command = message.detail.partition("; watch with: ")
-        if found:
-            self.news.setdefault(f"watch the map grow with: {command}", True)
+        for note in message.detail.split(NOTE)[1:]:
+            self.news.setdefault(note, True)
 
     def _note_start(self, message: Health, now: float) -> None:
         if message.state in (Health.READY, Health.BUSY):
@@ -156,9 +160,12 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
                 if death.status == 0:
                     return
                 raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
-            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             node.bury(death)
             death.child.worked = death.child.process.pid in node.worked
+            if why := supervisor.leaves_out(death):
+                display.say(f"the sweep goes on without {death.child.name} ({why}); see {death.child.log}")
+                continue
+            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             supervisor.revive(death)
         stuck = node.stuck(time.monotonic())
         for child in supervisor.children:

@@ -1,4 +1,4 @@
-"""What a user asks of the dashboard, checked before anything starts. A sweep can do without: what is missing is said."""
+"""What a user asks of the dashboard, checked before anything starts. A sweep can do without it, and then says so."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ LOOPBACK = "127.0.0.1"
 
 MOST_PORT = 65535
 
-NO_DISPLAY = "there is no display here (DISPLAY and WAYLAND_DISPLAY are not set)"
+NO_DISPLAY = "there is no display here"
+"""DISPLAY and WAYLAND_DISPLAY are empty."""
 
 NO_RERUN = "rerun is not installed, so there is no dashboard; what would be right: pip install 'rerun-sdk>=0.39,<0.42'"
 
@@ -55,10 +56,17 @@ def wanted(view: bool, port: str, without: bool, environment: Mapping[str, str] 
         return Wanted(None)
     if number and (problem := port_problem(number)):
         raise WantedError(f"--port {number}: {problem}")
-    if importlib.util.find_spec("rerun") is None:
+    if not _is_installed("rerun"):
         return Wanted(None, (NO_RERUN,))
-    notes = (f"--view: {NO_DISPLAY}; the map is served instead",) if view and not has_display(environment) else ()
-    return Wanted({"view": view, "port": number}, notes)
+    unseen = f"--view: {NO_DISPLAY} (DISPLAY and WAYLAND_DISPLAY are empty); the map is served instead"
+    return Wanted({"view": view, "port": number}, (unseen,) if view and not has_display(environment) else ())
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ValueError:  # somebody has put something else in its place
+        return False
 
 
 def port_number(text: str) -> int:
@@ -85,6 +93,13 @@ def port_problem(port: int) -> str:
         except OSError as error:
             return f"cannot be used on {LOOPBACK} ({error.strerror}); should be a free one"
     return ""
+
+
+def free_port() -> int:
+    """Return a port of the loopback that nobody listens on."""
+    with socket.socket() as trial:
+        trial.bind((LOOPBACK, 0))
+        return int(trial.getsockname()[1])
 
 
 def has_display(environment: Mapping[str, str] = os.environ) -> bool:
