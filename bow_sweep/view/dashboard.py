@@ -167,8 +167,10 @@ class DashboardNode(BowNode):
         return []
 
     def _look_after_viewer(self) -> None:
-        if self._viewer is not None and self._show is not None and (problem := self._viewer.problem()):
-            self._viewer = None
+        if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
+            return
+        self._viewer = None
+        if problem:
             self.get_logger().warning(problem)
             self._notes.append(problem)
             self._become_busy()

@@ -39,14 +39,16 @@ class Viewer:
             start_new_session=True,
         )
 
-    def problem(self) -> str:
-        """Return why it has ended by itself, once; "" while it lives or where somebody closed it."""
+    def ended(self) -> str | None:
+        """Return None while it lives, why it has failed, or "" where somebody closed it."""
         status = self._process.poll()
-        if not status:
-            return ""
+        if status is None:
+            return None
         self._said.seek(0)
         lines = self._said.read().decode(errors="replace").splitlines()
         last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        if not status and not last.startswith("Error"):  # without a display it says so and ends with 0
+            return ""
         return f"the viewer ended (exit status {status})" + (f": {last}" if last else "")
 
 
