@@ -99,7 +99,7 @@ class CoordinatorNode(BowNode):
             RunSweep,
             "run_sweep",
             execute_callback=self._conclude,
-            goal_callback=self._on_goal,
+            goal_callback=lambda _: GoalResponse.ACCEPT,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=60,
@@ -107,7 +107,7 @@ class CoordinatorNode(BowNode):
         self.create_timer(TICK_S, self._tick)
         try:
             if text["resume"]:
-                self._begin(Run.resume(Path(text["resume"])))
+                self._begin(Run.resume(Path(text["resume"]).absolute()))
             elif text["preset"] or any(settings):
                 self._begin(self._create(Sweep.from_spec(text["preset"], [s for s in settings if s])))
             else:
@@ -121,7 +121,7 @@ class CoordinatorNode(BowNode):
     def _create(self, sweep: Sweep) -> Run:
         identity, self._run_id = self._run_id or random_id(), ""
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
-        return Run.create(directory, identity, sweep)
+        return Run.create(directory.absolute(), identity, sweep)
 
     def _begin(self, run: Run) -> None:
         self._run, self._closing = run, False
@@ -171,26 +171,20 @@ class CoordinatorNode(BowNode):
 
     # ---- the goal
 
-    def _on_goal(self, goal: RunSweep.Goal) -> GoalResponse:
+    def _on_accepted(self, goal: Any) -> None:
+        """Begin a sweep; a goal that cannot be is aborted rather than rejected, as a rejection tells no reason."""
         try:
             if self._run is not None:
                 raise RunError(f"run {self._run.run_id} is not finished; one sweep at a time")
-            Sweep.from_spec(goal.spec.preset, goal.spec.settings)
+            run = self._create(Sweep.from_spec(goal.request.spec.preset, goal.request.spec.settings))
         except (ParameterError, RunError) as error:
-            self.get_logger().error(f"goal rejected: {error}")
-            self.become(self.health.state, f"goal rejected: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
-
-    def _on_accepted(self, goal: Any) -> None:
-        self._goal = goal
-        try:
-            self._begin(self._create(Sweep.from_spec(goal.request.spec.preset, goal.request.spec.settings)))
-        except RunError as error:
-            self.get_logger().error(str(error))
+            self.get_logger().error(f"goal refused: {error}")
+            self.become(self.health.state, f"goal refused: {error}")
             goal.bow_outcome = RunSweep.Result(message=str(error))
             goal.execute()
-            self._goal = None
+            return
+        self._goal = goal
+        self._begin(run)
 
     def _conclude(self, goal: Any) -> RunSweep.Result:
         result: RunSweep.Result = goal.bow_outcome

@@ -17,17 +17,9 @@ from pathlib import Path
 
 import setproctitle
 
+from .entry import MODULES
 from .forked import Forked
 from .janitor import Janitor
-
-MODULES = {
-    "coordinator": "bow_sweep.coordinator",
-    "simulator": "bow_sim.node",
-    "classifier": "bow_classifier.node",
-    "recorder": "bow_sweep.record.recorder",
-    "dashboard": "bow_sweep.view.dashboard",
-}
-"""Role -> module with the node's main()."""
 
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
 """Sources first, so that the recorder still hears what was under way."""

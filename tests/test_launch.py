@@ -23,6 +23,7 @@ import pytest
 import yaml
 from checkout import ROOT, assigned
 
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 
 
@@ -84,7 +85,7 @@ class Node:
     executable: str
     name: str
     namespace: str
-    parameters: list[dict[str, ParameterValue]] = field(default_factory=list)
+    parameters: list[dict[str, ParameterValue] | str] = field(default_factory=list)
     output: str = "log"
     emulate_tty: bool = False
     respawn: bool = False
@@ -93,15 +94,24 @@ class Node:
 
     @property
     def given(self) -> dict[str, Any]:
-        return {name: parameter.value for one in self.parameters for name, parameter in one.items()}
+        given = [one for one in self.parameters if isinstance(one, dict)]
+        return {name: parameter.value for one in given for name, parameter in one.items()}
+
+    @property
+    def files(self) -> list[str]:
+        return [one for one in self.parameters if isinstance(one, str)]
 
     def command(self, prefix: Path, scratch: Path) -> list[str]:
-        """The command line that launch_ros makes of it."""
-        file = scratch / f"{self.name}.yaml"
-        file.write_text(yaml.dump({"/**": {"ros__parameters": self.given}}))
+        """The command line that launch_ros makes of it: each of `parameters` is a file, in their order."""
+        words = []
+        for number, one in enumerate(self.parameters):
+            file = Path(one) if isinstance(one, str) else scratch / f"{self.name}_{number}.yaml"
+            if isinstance(one, dict):
+                file.write_text(yaml.dump({"/**": {"ros__parameters": {name: p.value for name, p in one.items()}}}))
+            words += ["--params-file", str(file)]
         renamed = ["-r", f"__node:={self.name}", "-r", f"__ns:=/{self.namespace.strip('/')}"]
         executable = prefix / "lib" / self.package / self.executable
-        return [str(executable), "--ros-args", *renamed, "--params-file", str(file)]
+        return [str(executable), "--ros-args", *renamed, *words]
 
 
 STAND_INS = {
@@ -115,7 +125,8 @@ STAND_INS = {
 
 
 @pytest.fixture(autouse=True)
-def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)  # `runs` is made where `ros2 launch` was typed
     for name, classes in STAND_INS.items():
         module = ModuleType(name)
         for one in classes:
@@ -176,7 +187,8 @@ def test_a_parameter_has_the_type_it_is_declared_with(file: str, run: Path) -> N
     """A text stays a text, even where YAML would see a number in it."""
     given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {"preset": "2024", "settings": "1 2"}
     for node in nodes(launched(file, **given)).values():
-        for parameter in (parameter for one in node.parameters for parameter in one.values()):
+        given_here = [one for one in node.parameters if isinstance(one, dict)]
+        for parameter in (parameter for one in given_here for parameter in one.values()):
             kind = list if isinstance(parameter.value, list) else parameter.value_type
             assert isinstance(parameter.value, kind)
 
@@ -187,16 +199,57 @@ def test_the_run_ends_with_its_coordinator_and_survives_the_others() -> None:
         assert node.respawn == (node.executable != "coordinator")
 
 
+def environment_of(file: str, run: Path, **given: object) -> dict[str, str]:
+    entities = launched(file, **({"run": run} if file == "replay.launch.py" else {}), **given)
+    return {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
+
+
 @pytest.mark.parametrize("file", [file.name for file in FILES])
-def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path) -> None:
+def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert environment_of(file, run) == {RANGE: "LOCALHOST"}
+    assert environment_of(file, run, discovery_range="SUBNET")[RANGE] == "SUBNET"
+    for unset in ("", None):
+        if unset is None:
+            monkeypatch.delenv(RANGE)
+        else:
+            monkeypatch.setenv(RANGE, unset)
+        assert environment_of(file, run)[RANGE] == "LOCALHOST"
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_what_the_user_has_exported_is_the_default(file: str, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RANGE, "SUBNET")
+    assert environment_of(file, run)[RANGE] == "SUBNET"
+    assert environment_of(file, run, discovery_range="localhost")[RANGE] == "LOCALHOST"
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+@pytest.mark.parametrize("wrong", ["OFF", "off", "everywhere", "2"])
+def test_a_range_in_which_no_node_finds_another_is_refused(
+    file: str, wrong: str, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RuntimeError, match="LOCALHOST, for this machine alone, or SUBNET is needed"):
+        environment_of(file, run, discovery_range=wrong)
+    monkeypatch.setenv(RANGE, wrong)
+    with pytest.raises(RuntimeError, match=RANGE):
+        environment_of(file, run)
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_nodes_take_their_parameters_from_a_file(file: str, run: Path, tmp_path: Path) -> None:
     given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+    for node in nodes(launched(file, **given)).values():
+        assert node.files == [str(ROOT / "config" / "nodes.yaml")]
+        assert node.parameters[0] == node.files[0], "an argument goes before the file"
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**:\n  ros__parameters:\n    credit: 4\n")
+    for node in nodes(launched(file, **given, params_file=mine)).values():
+        assert node.files == [str(mine)]
 
-    def environment(**more: object) -> dict[str, str]:
-        entities = launched(file, **given, **more)
-        return {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
 
-    assert environment() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    assert environment(discovery_range="SUBNET")["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+def test_an_argument_that_is_not_given_leaves_the_parameter_to_the_file() -> None:
+    graph = nodes(launched("sweep.launch.py"))
+    assert set(graph["coordinator"].given) == set(graph["dashboard"].given) == {"runs_dir"}
 
 
 @pytest.mark.parametrize(
@@ -204,13 +257,37 @@ def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path) -> N
     [
         ({"simulators": "0"}, "simulators:=0: a whole number from 1 on"),
         ({"simulators": "many"}, "simulators:=many: a whole number"),
+        ({"simulators": "1000"}, "simulators:=1000: a whole number from 1 on, to 100"),
         ({"view": "maybe"}, "view:=maybe: true or false"),
         ({"once": "1"}, "once:=1: true or false"),
+        ({"runs_dir": "/proc/x"}, "runs_dir:=/proc/x: cannot be made or written"),
+        ({"runs_dir": __file__}, "cannot be made or written: File exists; a directory of yours is needed"),
+        ({"params_file": "/no/such"}, "params_file:=/no/such: cannot be read: No such file or directory"),
+        ({"namespace": "my bow"}, "namespace:=my bow: letters, digits and _ are needed"),
+        ({"namespace": ""}, "letters, digits and _ are needed"),
     ],
 )
 def test_a_wrong_argument_is_named_with_what_would_be_right(wrong: Mapping[str, str], message: str) -> None:
-    with pytest.raises(RuntimeError, match=message):
+    with pytest.raises(RuntimeError, match=message) as error:
         launched("sweep.launch.py", **wrong)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"rate": "fast"}, "rate:=fast: a number above 0"),
+        ({"rate": "0"}, "rate:=0: a number above 0"),
+        ({"rate": "nan"}, "rate:=nan: a number above 0"),
+        ({"view": "maybe"}, "view:=maybe: true or false"),
+        ({"namespace": "a-b"}, "namespace:=a-b: letters"),
+        ({"run": "/no/such/run"}, "not a complete rosbag2 directory"),
+    ],
+)
+def test_a_wrong_argument_of_a_replay_is_named_too(wrong: Mapping[str, str], message: str, run: Path) -> None:
+    with pytest.raises(RuntimeError, match=message) as error:
+        launched("replay.launch.py", **{"run": run, **wrong})
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.fixture
@@ -235,9 +312,13 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
     assert {node.namespace for node in nodes(entities).values()} == {"/bow/replay"}
 
 
-def test_a_replay_of_no_bag_is_told_so(tmp_path: Path) -> None:
+def test_a_replay_of_no_bag_is_told_so_in_one_line(tmp_path: Path, run: Path) -> None:
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory"):
         launched("replay.launch.py", run=tmp_path)
+    (run / "bag" / "metadata.yaml").write_text("a: [\nb: }")
+    with pytest.raises(RuntimeError, match="not a complete rosbag2 directory") as error:
+        launched("replay.launch.py", run=run)
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.fixture
