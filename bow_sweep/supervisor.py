@@ -180,11 +180,12 @@ class Supervisor:
         if child.role not in SPECTATORS:
             return ""
         ends = self._deaths[child.role] = [*self._deaths.get(child.role, []), time.monotonic()]
-        if len(ends) < CRASHES and (child.worked or death.status <= 0):
+        failed = death.status in range(1, 256)
+        if len(ends) < CRASHES and (child.worked or not failed):
             return ""
         self.left_out.append(child.log)
         times = f"ended {len(ends)} times, at last: " if len(ends) > 1 else ""
-        last = tail(child.log, 1).partition(f"{child.log.name}: ")[2] if death.status > 0 else ""
+        last = tail(child.log, 1).partition(f"{child.log.name}: ")[2] if failed else ""
         return f"{times}{death.cause}" + (f": {last}" if last else "")
 
     def revive(self, death: Death) -> Child:

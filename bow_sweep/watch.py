@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import time
+from collections import Counter
 
 import numpy as np
 import rclpy
@@ -15,21 +17,23 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.regimes import REGIMES
 from bow_sim import wire
+from bow_sim.diagnosis import network_hints
+from bow_sim.neighbours import CONSUMERS, Neighbour
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import CONSUMERS, HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
+from bow_sim.ros import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 
 from .display import Display, Progress
 from .ending import Ending
-from .supervisor import Death, GraphError, Supervisor, tail
+from .supervisor import SPECTATORS, Death, GraphError, Supervisor, tail
+from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting, usage
 
-STUCK_S = 12.0
-"""A process that knows of the run and has not met the others for so long is started again: where one was killed, Fast
-DDS sometimes does not connect its successor."""
+SAY_S = 5.0
+"""What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
 
 NOTE = "; note: "
 """In what a node says of itself, before each thing that people should read; below, beginnings of such."""
 
-NEWS = ("rejects blocks", "not drawn: ", "waiting for the dashboard")
+NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
 
 
 class SupervisorNode(BowNode):
@@ -41,12 +45,12 @@ class SupervisorNode(BowNode):
         self.failed = ""
         self.details: dict[str, str] = {}
         self.news: dict[str, bool] = {}  # for people; True = not yet said
-        self.worked: set[int] = set()  # processes that were ready once
+        self.ours: set[int] = set()  # the processes of this supervisor
+        self.waiting = Waiting()
         self.closed = False  # the plan is: nothing more will be simulated
-        self._starting: dict[int, tuple[str, float]] = {}  # pid -> role, and since when it looks for the others
+        self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
         self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Health, "health", self._on_health, HEARD)
         self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         self.become(Health.READY)
 
@@ -55,6 +59,7 @@ class SupervisorNode(BowNode):
             values = wire.decode("BasinMap", data)
         except wire.WireError:
             return
+        self.waiting.advance(int(values["tests"].sum(dtype=np.int64)), self.awake.now())
         counts = np.bincount(values["regime"], minlength=256)
         self.progress = Progress(
             done=values["cells_done"],
@@ -68,10 +73,16 @@ class SupervisorNode(BowNode):
             plan = wire.decode("Plan", data)
             self.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
 
-    def _on_health(self, message: Health) -> None:
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Note what people should know of our processes; what others start in this namespace does not count."""
+        if message.host != self.health.host or message.pid not in self.ours:
+            return
+        now = self.awake.now()
         self.details[message.role] = message.detail
-        if message.host == self.health.host:
-            self._note_start(message, time.monotonic())
+        if message.state != Health.DEAD:
+            self.waiting.hear(message.pid, message.role, message.state, message.run_id, now)
+        if message.role == "coordinator":
+            self._note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
             self.failed = f"{message.role}: {message.detail}"
         elif message.state == Health.FAILED or message.detail.startswith(NEWS):
@@ -79,25 +90,13 @@ class SupervisorNode(BowNode):
         for note in message.detail.split(NOTE)[1:]:
             self.news.setdefault(note, True)
 
-    def _note_start(self, message: Health, now: float) -> None:
-        if message.state in (Health.READY, Health.BUSY):
-            self.worked.add(message.pid)
-        if message.state == Health.STARTING and message.run_id:
-            self._starting.setdefault(message.pid, (message.role, now))
-        else:
-            self._starting.pop(message.pid, None)
-
-    def stuck(self, now: float) -> set[int]:
-        """Return the processes that do not find the others; all others have as long again to find their successors.
-
-        Simulators are blamed only where the consumers, for which they wait, have found everybody.
-        """
-        waits = any(role in CONSUMERS for role, _ in self._starting.values())
-        blamed = CONSUMERS if waits else ("simulator",)
-        stuck = {pid for pid, (role, since) in self._starting.items() if role in blamed and now - since > STUCK_S}
-        if stuck:
-            self._starting = {pid: (role, now) for pid, (role, _) in self._starting.items() if pid not in stuck}
-        return stuck
+    def _note_waiting(self, what: str, now: float) -> None:
+        """Say what the coordinator waits for, where it was at work already; before, the display shows it."""
+        if what != self._waits[0]:
+            self._waits = (what, now)
+            self.news.pop(what, None)
+        elif what and self.progress is not None and now - self._waits[1] > SAY_S:
+            self.news.setdefault(what, True)
 
     def bury(self, death: Death) -> None:
         """Tell the graph that a process has ended."""
@@ -109,7 +108,7 @@ class SupervisorNode(BowNode):
             state=Health.DEAD,
             detail=death.cause,
         )
-        message.stamp = self.get_clock().now().to_msg()
+        message.stamp = self.wall_time()
         self._deaths.publish(message)
 
 
@@ -151,7 +150,8 @@ def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
 
 
 def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display, ending: Ending) -> None:
-    """Spin until the coordinator has finished; start again what dies."""
+    """Spin until the coordinator has finished; start again what dies or is not heard."""
+    restarts: Counter[str] = Counter()
     while True:
         executor.spin_once(timeout_sec=0.05)
         ending.check()
@@ -161,17 +161,14 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
                     return
                 raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
             node.bury(death)
-            death.child.worked = death.child.process.pid in node.worked
+            death.child.worked = death.child.process.pid in node.waiting.worked
             if why := supervisor.leaves_out(death):
                 display.say(f"the sweep goes on without {death.child.name} ({why}); see {death.child.log}")
                 continue
             display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             supervisor.revive(death)
-        stuck = node.stuck(time.monotonic())
-        for child in supervisor.children:
-            if child.process.pid in stuck:
-                display.say(f"{child.name} does not find the others: it is started again; see {child.log}")
-                child.process.kill()
+        node.ours = {child.process.pid for child in supervisor.children}
+        _look_after(supervisor, node, display, restarts)
         if node.closed:  # recorder and dashboard have last words: what nobody has read goes with its sender
             supervisor.release(("simulator", "classifier"))
         if node.failed:
@@ -180,3 +177,37 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             node.news[line] = False
             display.say(line)
         display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())
+
+
+def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, restarts: Counter[str]) -> None:
+    """Kill the processes that the others do not hear, which are then started again; give up where that is no use.
+
+    Raises
+    ------
+    GraphError
+        Naming who is not heard, and what to look at.
+    """
+    now, waiting = node.awake.now(), node.waiting
+    children = {child.process.pid: child for child in supervisor.children}
+    needed = {pid for pid, child in children.items() if child.role not in SPECTATORS}
+    if waiting.hold(needed, now):
+        return
+    unheard = waiting.unheard(children, now)
+    unheard -= {pid for pid in unheard - needed if usage(pid).stopped}  # nobody misses them
+    if needed and unheard >= needed:
+        raise GraphError(f"no process of the graph is heard for {UNHEARD_S:g} s. Look at: {_hints()}")
+    for pid in (unheard | waiting.stuck(now)) & children.keys():
+        child = children[pid]
+        restarts[child.role] += 1
+        why = f"{child.name} is not heard" if pid in unheard else f"{child.name} is not heard by all the others"
+        too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
+        if child.role == "coordinator" or too_often:
+            raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")
+        display.say(f"{why}: it is started again; see {child.log}")
+        child.process.kill()
+    if waiting.is_stalled(now) and not node.closed:
+        raise GraphError(f"no progress for {STALL_S:g} s; {node.details.get('coordinator') or 'nothing is missing'}")
+
+
+def _hints() -> str:
+    return "; ".join(network_hints(os.environ))

@@ -17,6 +17,8 @@ from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.qos import QoSProfile
 
 from bow_sim import wire
+from bow_sim.authority import Authority
+from bow_sim.neighbours import Neighbour
 from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, live
 
 from .account import Node
@@ -68,6 +70,7 @@ class DashboardNode(BowNode):
         self._viewer: Viewer | None = None
         self._notes: list[str] = []
         self._nodes: dict[str, Node] = {}
+        self._authority = Authority(self.works_for)
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
         for kind, topic, taker, qos in (
             (Plan, "plan", self._on_plan, HEARD),
@@ -75,14 +78,13 @@ class DashboardNode(BowNode):
             (BridgeForce, "inspect", self._on_inspect, patient),
         ):
             self.create_subscription(kind, topic, self._taker(kind.__name__, taker), qos, raw=True)
-        self.create_subscription(Health, "health", self._on_health, HEARD)
-        self.create_timer(TICK_S, self._tick)
+        self.every(TICK_S, self._tick)
         from . import show  # noqa: F401  # rerun takes a second to import: now, while the others start too
 
         self.become(Health.READY, "waits for a plan")
 
     def _declared(self, name: str, default: Any, what: str, most: int = 0) -> Any:
-        descriptor = ParameterDescriptor(description=what)
+        descriptor = ParameterDescriptor(description=what, read_only=True)
         if most:
             descriptor.integer_range = [IntegerRange(from_value=0, to_value=most, step=1)]
         return self.declare_parameter(name, default, descriptor).value
@@ -107,6 +109,10 @@ class DashboardNode(BowNode):
     # ---- the plan opens and finishes the recording
 
     def _on_plan(self, plan: dict[str, Any]) -> None:
+        why = self._authority.objection(plan)
+        if why:
+            self._ignore(f"plan: {why}")
+            return
         run, epoch = plan["run_id"], plan["epoch"]
         if self._show is not None:
             if run == self._show.run_id:
@@ -128,6 +134,9 @@ class DashboardNode(BowNode):
         directory = self._run_dir or self._runs_dir / run
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
             return  # over before we came, and nobody asked for this very run
+        if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
+            self._ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
+            return
         self._let_go()
         notes = []
         port = self._port or (free_port() if self._view else 0)
@@ -211,7 +220,8 @@ class DashboardNode(BowNode):
     def _on_inspect(self, values: dict[str, Any]) -> None:
         self._guarded(lambda show: show.inspect(values))
 
-    def _on_health(self, message: Health) -> None:
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Note how the nodes are."""
         self._nodes[message.node] = Node(
             message.node,
             message.role,

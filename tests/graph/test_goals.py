@@ -14,7 +14,7 @@ import pytest
 import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
-from bow_msgs.action import RunSweep, Simulate
+from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan, Receipt, StickSlip, SweepSpec, Verdicts
 from graph import PATIENCE_S, assert_same_map, sweeping, verified
 from rclpy.action import ActionClient
@@ -174,33 +174,34 @@ def simulator(ros_domain: int) -> Iterator[object]:
     node.health.state = Health.READY
     yield node
     node.close()
-    node._server.destroy()
     node.destroy_node()
     rclpy.shutdown()
 
 
-def test_a_simulator_rejects_goals_that_cannot_be_right(simulator: object) -> None:
+def test_a_simulator_refuses_blocks_that_cannot_be_right(simulator: object) -> None:
     sweep = Sweep.from_spec("fig11d", SETTINGS)
     cells = sweep.block(3)
     lanes = sweep.lanes(cells)
 
     def objection(**changes: object) -> str:
-        goal = Simulate.Goal(
-            run_id="run",
-            sweep_id=sweep.sweep_id,
-            epoch=1,
-            fingerprint=fingerprint(),
-            spec=SweepSpec(settings=list(sweep.settings())),
-            block=3,
-            attempt=1,
-            cells=cells,
-            x=lanes["f_asym"],
-            y=lanes["f_init_ratio"],
-        )
-        for name, value in changes.items():
-            setattr(goal, name, value)
-        said: str = simulator._objection(goal)  # type: ignore[attr-defined]
-        return said
+        message = {
+            "run_id": "run",
+            "sweep_id": sweep.sweep_id,
+            "epoch": 1,
+            "fingerprint": fingerprint(),
+            "spec.settings": list(sweep.settings()),
+            "block": 3,
+            "attempt": 1,
+            "cells": cells,
+            "x": lanes["f_asym"],
+            "y": lanes["f_init_ratio"],
+            **changes,
+        }
+        try:
+            simulator._accept(message)  # type: ignore[attr-defined]
+        except ValueError as error:
+            return str(error)
+        return ""
 
     assert objection() == ""
     assert "array lengths" in objection(x=lanes["f_asym"][:-1])
@@ -213,8 +214,8 @@ def test_a_simulator_rejects_goals_that_cannot_be_right(simulator: object) -> No
     assert "kernel" in objection(fingerprint="another")
     assert "is not the open one" in objection(run_id="another")
     assert "is not the open one" in objection(sweep_id="another")
-    assert "v_mid" in objection(spec=SweepSpec(settings=[*sweep.settings(), "v_mid=1"]))
-    assert "nonsense" in objection(spec=SweepSpec(settings=["nonsense"]))
+    assert "v_mid" in objection(**{"spec.settings": [*sweep.settings(), "v_mid=1"]})
+    assert "nonsense" in objection(**{"spec.settings": ["nonsense"]})
     simulator._epoch = 2  # type: ignore[attr-defined]
     assert "epoch 1 is over" in objection()
     simulator.health.state = Health.STARTING  # type: ignore[attr-defined]
