@@ -17,6 +17,8 @@ from pathlib import Path
 
 import setproctitle
 
+from bow_sim.notes import SUPERVISED, work_off
+
 from .entry import MODULES
 from .forked import Forked
 from .janitor import Janitor
@@ -122,6 +124,7 @@ class Supervisor:
         """Logs of the processes that are not started again, though the graph goes on."""
         self._janitor: Janitor | None = None
         logs.mkdir(parents=True, exist_ok=True)
+        work_off()
 
     def start(self, role: str) -> Child:
         """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
@@ -130,7 +133,7 @@ class Supervisor:
         log = self.logs / f"{name}.log"
         janitor = self._hire()
         command = [sys.executable, "-m", MODULES[role], "--ros-args", *self._arguments(role, name)]
-        environment = {"ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"}
+        environment = {"ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         process: subprocess.Popen[bytes] | Forked
         if "rclpy" not in sys.modules:  # from then on this process has threads of ROS that a copy would lack
             process = Forked(partial(_main, role, name, command, environment), log)

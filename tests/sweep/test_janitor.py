@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from bow_sweep import leftovers
+from bow_sim import leftovers
 from bow_sweep.janitor import NOTE, House, Janitor
 
 SHARED = Path("/dev/shm")
