@@ -29,10 +29,11 @@ class Viewer:
     """
 
     def __init__(self, uri: str, program: Sequence[str] = ()) -> None:
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # as long as this object
+        command = program or _program()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # until the viewer has ended
         options = ["--connect", uri, "--bind", LOOPBACK, "--port", str(free_port())]  # it would listen on all addresses
         self._process = subprocess.Popen(
-            [*(program or _program()), *options],
+            [*command, *options],
             stdin=subprocess.DEVNULL,
             stdout=self._said,
             stderr=subprocess.STDOUT,
@@ -40,12 +41,13 @@ class Viewer:
         )
 
     def ended(self) -> str | None:
-        """Return None while it lives, why it has failed, or "" where somebody closed it."""
+        """Return None while it lives, and then, once, why it has failed, or "" where somebody closed it."""
         status = self._process.poll()
         if status is None:
             return None
-        self._said.seek(0)
-        lines = self._said.read().decode(errors="replace").splitlines()
+        with self._said as said:
+            said.seek(0)
+            lines = said.read().decode(errors="replace").splitlines()
         last = next((line.strip() for line in reversed(lines) if line.strip()), "")
         if not status and not last.startswith("Error"):  # without a display it says so and ends with 0
             return ""
