@@ -218,7 +218,8 @@ def _run(
             if reach.goes_beyond(os.environ):
                 display.say(f"other machines join with: {reach.joining(f'/bow/{job.run_id}', os.environ)}")
             job.directory.mkdir(exist_ok=True)
-            options = {"simulators": args.simulators, "dashboard": dashboard.parameters, "display": display}
+            shown = None if left_out else dashboard.parameters  # one that could not live once is left out for good
+            options = {"simulators": args.simulators, "dashboard": shown, "display": display}
             left_out += conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
             before += job.sweep.budget
     except KeyboardInterrupt:
