@@ -13,6 +13,9 @@ IDLE_S = 10.0
 DRAW_S = 20.0
 """It has this long to draw: it is only for looking at, and may hang."""
 
+DRAW_SAY_S = 5.0
+"""Waiting for it is said when it lasts so long."""
+
 CLOSE_S = 60.0
 """The recorder has this long to close the bag before the results are written without it."""
 

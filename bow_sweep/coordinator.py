@@ -23,7 +23,7 @@ from bow_sim.ros import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError, 
 
 from . import announce
 from .basin import Basin
-from .closing import DRAW_S, IDLE_S, waits_for
+from .closing import DRAW_S, DRAW_SAY_S, waits_for
 from .consumers import Consumers
 from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
 from .plan import Sweep
@@ -360,7 +360,7 @@ class CoordinatorNode(BowNode):
             missing = waits_for(self._nodes.values(), run.run_id, waited, self._shown)
             if not missing:
                 self._finish()
-            elif missing == "dashboard" and waited > IDLE_S:
+            elif missing == "dashboard" and waited > DRAW_SAY_S:
                 self.become(Health.BUSY, f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most")
 
     # ---- what goes out
