@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from bow_sim import wire
 from bow_sim.authority import Authority
 from bow_sim.neighbours import Neighbour
-from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, live
+from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_after, live
 
 from .account import Node
 from .viewer import Viewer
@@ -39,6 +39,9 @@ gets all that came before; view:=true opens a viewer here.
 """
 
 TICK_S = 0.1
+
+EXIT_S = 3
+"""Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
 
 NOTE = "; note: "
 """In `Health.detail`, before each thing that a user should know."""
@@ -258,7 +261,9 @@ class DashboardNode(BowNode):
 
 def main() -> int:
     """Entry point of ``ros2 run bow dashboard``."""
-    return live(DashboardNode, description=HELP)
+    status = live(DashboardNode, description=HELP)
+    end_after(EXIT_S)
+    return status
 
 
 if __name__ == "__main__":

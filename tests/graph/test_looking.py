@@ -123,6 +123,23 @@ def test_a_dashboard_that_is_killed_again_and_again_is_left_out(tmp_path: Path) 
 
 
 @pytest.mark.full
+def test_a_dashboard_whose_disk_is_full_is_named_once_and_does_not_delay_the_end(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: bool(sweep.children("dashboard")))
+        (dashboard,) = sweep.children("dashboard")
+        dashboard.rlimit(psutil.RLIMIT_FSIZE, (20_000, 20_000))
+        sweep.wait_until((run / "report.json").exists)
+        began = time.monotonic()
+        assert sweep.wait() == 0, sweep.text
+    assert time.monotonic() - began < 14
+    assert len([line for line in sweep.text.splitlines() if "/dashboard: " in line]) == 1
+    assert f"{run / 'dashboard.rrd'}: " in sweep.text
+    assert "had to kill" not in sweep.text
+    verified(run)
+
+
+@pytest.mark.full
 def test_a_dashboard_that_hangs_delays_the_end_by_a_bound_that_is_said(tmp_path: Path) -> None:
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--periods", "2000", "--out", str(run)) as sweep:
