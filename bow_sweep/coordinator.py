@@ -12,7 +12,7 @@ from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, Block, Health, Plan, Receipt, Verdicts
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from sensor_msgs.msg import Image
 
 from bow_sim import wire
@@ -88,7 +88,6 @@ class CoordinatorNode(BowNode):
             RunSweep,
             "run_sweep",
             execute_callback=self._conclude,
-            goal_callback=lambda _: GoalResponse.ACCEPT,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=60,
