@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Mapping
 
-from .reach import PEERS, PROFILE, RANGE, SERVER
+from .reach import LOOPBACK_PROFILE, NETWORK_PROFILE, PEERS, PROFILE, RANGE, SERVER, find_profile
 
 LOOPBACK = "127.0.0.1"
 
@@ -22,10 +22,10 @@ def network_hints(environment: Mapping[str, str]) -> list[str]:
         hints.append(f"{SERVER}={environment[SERVER]}: does a discovery server run there?")
     if environment.get(PEERS):
         hints.append(f"{PEERS}={environment[PEERS]}: can these machines be reached?")
-    if environment.get(PROFILE):
+    ours = [str(find_profile(name)) for name in (LOOPBACK_PROFILE, NETWORK_PROFILE)]
+    if environment.get(PROFILE) and environment[PROFILE] not in ours:
         hints.append(f"{PROFILE}={environment[PROFILE]}: does this profile let nodes of one machine meet?")
-    hints.append("ROS_DOMAIN_ID and namespace should be the same for all nodes; /dev/shm should be writable")
-    return hints
+    return hints or ["ROS_DOMAIN_ID and namespace should be the same for all nodes, and /dev/shm writable"]
 
 
 def _loopback_problem() -> str:

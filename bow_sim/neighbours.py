@@ -45,19 +45,27 @@ class AwakeClock:
     """Seconds in which this process could run. A stop, or a sleep of the machine, counts as `LONGEST_STEP_S` at most.
 
     After a stop nobody was silent: we were deaf. Ask it at least once a second.
+
+    Attributes
+    ----------
+    slept
+        Seconds that were left out.
     """
 
     def __init__(self, source: Callable[[], float] = time.monotonic) -> None:
         self._source = source
         self._lock = threading.Lock()
         self._last = source()
-        self._now = 0.0
+        self._now = self.slept = 0.0
 
     def now(self) -> float:
         """Return the seconds since the start."""
         with self._lock:
             at = self._source()
-            self._now += min(max(at - self._last, 0.0), LONGEST_STEP_S)
+            passed = max(at - self._last, 0.0)
+            counted = min(passed, LONGEST_STEP_S)
+            self._now += counted
+            self.slept += passed - counted
             self._last = at
             return self._now
 

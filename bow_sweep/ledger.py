@@ -25,7 +25,7 @@ POISON_DEATHS = 3
 IN_HAND = 2
 """Blocks a simulator holds at most: one being computed, one waiting, so that it never idles."""
 
-STALE_S = 10.0
+STALE_S = 6.0
 """A block whose simulator has finished or gone, and whose answers do not arrive for this long, is handed out again."""
 
 

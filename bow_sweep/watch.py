@@ -27,6 +27,9 @@ from .ending import Ending
 from .supervisor import SPECTATORS, Death, GraphError, Supervisor, tail
 from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting, usage
 
+STOP_S = 5.0
+"""So long this process was stopped in all, that DDS may have lost others."""
+
 SAY_S = 5.0
 """What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
 
@@ -46,7 +49,7 @@ class SupervisorNode(BowNode):
         self.details: dict[str, str] = {}
         self.news: dict[str, bool] = {}  # for people; True = not yet said
         self.ours: set[int] = set()  # the processes of this supervisor
-        self.waiting = Waiting()
+        self.waiting = Waiting(self.get_namespace().rpartition("/")[2])
         self.closed = False  # the plan is: nothing more will be simulated
         self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
         self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
@@ -189,17 +192,20 @@ def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, 
     """
     now, waiting = node.awake.now(), node.waiting
     children = {child.process.pid: child for child in supervisor.children}
-    needed = {pid for pid, child in children.items() if child.role not in SPECTATORS}
+    needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
+    if node.awake.slept > STOP_S:
+        waiting.note_stop()
     if waiting.hold(needed, now):
         return
     unheard = waiting.unheard(children, now)
-    unheard -= {pid for pid in unheard - needed if usage(pid).stopped}  # nobody misses them
-    if needed and unheard >= needed:
-        raise GraphError(f"no process of the graph is heard for {UNHEARD_S:g} s. Look at: {_hints()}")
+    unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # nobody misses them
+    if needed and unheard >= needed.keys():
+        names = ", ".join(child.name for child in needed.values())
+        raise GraphError(f"nothing is heard of {names} for {UNHEARD_S:g} s. Look at: {_hints()}")
     for pid in (unheard | waiting.stuck(now)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
-        why = f"{child.name} is not heard" if pid in unheard else f"{child.name} is not heard by all the others"
+        why = f"{child.name} is not heard" if pid in unheard else f"{child.name} and the others do not hear each other"
         too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
         if child.role == "coordinator" or too_often:
             raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")

@@ -55,6 +55,7 @@ def test_time_in_which_a_process_was_stopped_does_not_pass() -> None:
     assert clock.now() == pytest.approx(2.0)
     at += 3600
     assert clock.now() == pytest.approx(2.0 + LONGEST_STEP_S)
+    assert clock.slept == pytest.approx(3600 - LONGEST_STEP_S)
     at -= 50  # no clock of ours goes back, but nothing breaks if one does
     assert clock.now() == pytest.approx(2.0 + LONGEST_STEP_S)
 

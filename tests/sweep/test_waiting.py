@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from bow_sim.neighbours import BUSY, STARTING
-from bow_sweep.waiting import STALL_S, STUCK_S, UNHEARD_S, Usage, Waiting, usage
+from bow_sim.neighbours import BUSY, READY, STARTING
+from bow_sweep.waiting import AFTER_STOP_S, STALL_S, STUCK_S, UNHEARD_S, Usage, Waiting, usage
 
 RUN = "a" * 16
 
@@ -22,9 +22,10 @@ class Machine:
     def __init__(self) -> None:
         self.stopped: set[int] = set()
         self.cpu: dict[int, float] = {}
+        self.read: dict[int, int] = {}
 
     def look(self, pid: int) -> Usage:
-        return Usage(pid in self.stopped, self.cpu.get(pid, 0.0))
+        return Usage(pid in self.stopped, self.cpu.get(pid, 0.0), self.read.get(pid, 0))
 
 
 @pytest.fixture
@@ -33,11 +34,12 @@ def machine() -> Machine:
 
 
 def test_who_is_not_heard_by_the_others_is_named_once_consumers_first(machine: Machine) -> None:
-    waiting = Waiting(machine.look)
+    waiting = Waiting(RUN, machine.look)
 
     def says(pid: int, role: str, state: int, now: float, run: str = RUN) -> None:
         waiting.hear(pid, role, state, run, now)
 
+    says(9, "coordinator", BUSY, 0)
     says(1, "recorder", STARTING, 0)
     says(2, "simulator", STARTING, 0)
     says(3, "classifier", STARTING, 0)
@@ -52,7 +54,20 @@ def test_who_is_not_heard_by_the_others_is_named_once_consumers_first(machine: M
     assert waiting.stuck(2 * STUCK_S + 1) == set()
     assert waiting.stuck(2 * STUCK_S + 2) == {2}
     assert waiting.stuck(3 * STUCK_S + 3) == set()
-    assert waiting.worked == {3, 5}
+    assert waiting.worked == {3, 5, 9}
+
+
+def test_a_consumer_that_has_not_taken_up_the_run_is_blamed_before_those_who_wait_for_it(machine: Machine) -> None:
+    waiting = Waiting(RUN, machine.look)
+    for pid, role in ((1, "classifier"), (2, "simulator")):
+        waiting.hear(pid, role, STARTING, RUN, 0)
+    waiting.hear(3, "recorder", READY, "", 0)
+    assert waiting.stuck(100) == set()  # the coordinator reads a bag, say, before it opens the run
+    waiting.hear(9, "coordinator", STARTING, RUN, 100)
+    assert waiting.stuck(100 + STUCK_S) == set()
+    assert waiting.stuck(101 + STUCK_S) == {3}
+    waiting.hear(4, "recorder", BUSY, RUN, 110)
+    assert waiting.stuck(102 + 2 * STUCK_S) == {1}
 
 
 def unheard_after(waiting: Waiting, pids: set[int], start: int, end: int) -> set[int]:
@@ -64,23 +79,24 @@ def unheard_after(waiting: Waiting, pids: set[int], start: int, end: int) -> set
 
 
 def test_a_process_that_is_not_heard_and_does_not_compute_is_named(machine: Machine) -> None:
-    waiting = Waiting(machine.look)
+    waiting = Waiting(RUN, machine.look)
     waiting.hear(1, "recorder", BUSY, RUN, 0.0)
     assert unheard_after(waiting, {1, 2}, 0, int(UNHEARD_S)) == set()
     waiting.hear(1, "recorder", BUSY, RUN, UNHEARD_S)
     assert unheard_after(waiting, {1, 2}, int(UNHEARD_S), int(UNHEARD_S) + 3) == {2}
 
 
-def test_a_process_that_computes_is_still_starting(machine: Machine) -> None:
-    waiting = Waiting(machine.look)
+def test_a_process_that_computes_or_reads_is_still_starting(machine: Machine) -> None:
+    waiting = Waiting(RUN, machine.look)
     for now in range(60):
         machine.cpu[1] = 0.5 * now
-        assert waiting.unheard({1}, float(now)) == set()
-    assert unheard_after(waiting, {1}, 60, 60 + int(UNHEARD_S) + 3) == {1}
+        machine.read[2] = 10_000_000 * now
+        assert waiting.unheard({1, 2}, float(now)) == set()
+    assert unheard_after(waiting, {1, 2}, 60, 60 + int(UNHEARD_S) + 3) == {1, 2}
 
 
 def test_time_in_which_a_process_is_stopped_does_not_count(machine: Machine) -> None:
-    waiting = Waiting(machine.look)
+    waiting = Waiting(RUN, machine.look)
     waiting.hear(1, "recorder", STARTING, RUN, 0.0)
     waiting.advance("half", 0.0)
     machine.stopped = {2}
@@ -89,12 +105,15 @@ def test_time_in_which_a_process_is_stopped_does_not_count(machine: Machine) -> 
     machine.stopped = set()
     assert not waiting.hold({1, 2}, 1000.0)
     assert waiting.stuck(1000.0) == set()
+    waiting.hear(9, "coordinator", STARTING, RUN, 1000.0)
+    assert waiting.stuck(1000.0 + AFTER_STOP_S) == set()
+    assert waiting.stuck(1001.0 + AFTER_STOP_S) == {1}  # all have long started
     assert waiting.unheard({1, 2}, 1000.0) == set()
     assert not waiting.is_stalled(1000.0)
 
 
 def test_a_sweep_without_progress_is_given_up_in_the_end(machine: Machine) -> None:
-    waiting = Waiting(machine.look)
+    waiting = Waiting(RUN, machine.look)
     waiting.advance(5, 10.0)
     waiting.advance(5, 10.0 + STALL_S)
     assert not waiting.is_stalled(10.0 + STALL_S)
@@ -115,4 +134,4 @@ def test_the_system_says_whether_a_process_is_stopped_and_what_it_used() -> None
                 assert time.monotonic() < deadline
         finally:
             process.kill()
-    assert usage(process.pid) == Usage(False, 0.0)
+    assert usage(process.pid) == Usage()
