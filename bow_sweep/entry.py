@@ -10,7 +10,6 @@ import importlib
 import os
 import signal
 import sys
-from collections.abc import Callable
 from functools import partial
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -24,49 +23,39 @@ MODULES = {
 }
 """Role -> module with the node's main()."""
 
-CLI = "bow_sweep.cli"
+BEGIN = "bow_sweep.cli"
+"""Module whose command() is the rest."""
 
 INTERRUPTED = 130
 
 
-def _function(module: str, name: str, status: int, last_word: bytes = b"") -> Callable[[], int]:
-    """Import a function; while that lasts, signals end the process with a status.
-
-    They are left so: the function has handlers of its own, or calls :func:`_as_python_has_them`.
-    """
+def command() -> int:
+    """Entry point of the command `bow`; a node that is told to stop before it lives ends as it does later."""
+    is_node = sys.argv[1:2] and sys.argv[1] in MODULES
+    status, last_word = (0, b"") if is_node else (INTERRUPTED, b"bow: interrupted\n")
 
     def end(_number: int, _frame: object) -> None:
         os.write(2, last_word)
         os._exit(status)  # nothing is open yet, and an exception may be caught by what imports
 
-    for number in SIGNALS:
-        signal.signal(number, end)
-    function: Callable[[], int] = getattr(importlib.import_module(module), name)
-    return function
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, end)
+    run = importlib.import_module(BEGIN).command
+    if not is_node:  # its own handlers take over from these
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    result: int = run()
+    return result
 
 
-def _as_python_has_them() -> None:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+def _node(role: str) -> int:
+    sys.argv[:1] = ["bow", role]
+    return command()
 
 
-def run_node(role: str) -> int:
-    """Be a node; told to stop before it lives, it ends as it does later."""
-    return _function(MODULES[role], "main", 0)()
-
-
-def command() -> int:
-    """Entry point of the command `bow`."""
-    role = sys.argv[1] if len(sys.argv) > 1 else ""
-    if role in MODULES:
-        sys.argv[:2] = [f"bow {role}"]
-        return run_node(role)
-    run = _function(CLI, "command", INTERRUPTED, b"bow: interrupted\n")
-    _as_python_has_them()
-    return run()
-
-
-coordinator, simulator, classifier, recorder, dashboard = (partial(run_node, role) for role in MODULES)
+coordinator, simulator, classifier, recorder, dashboard = (partial(_node, role) for role in MODULES)
 
 if __name__ == "__main__":
     sys.exit(command())
