@@ -7,9 +7,11 @@ command lines, and those are run for real.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import py_compile
 import runpy
+import signal
 import subprocess
 import sys
 import time
@@ -335,6 +337,63 @@ def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
             process.wait()
 
 
+Processes = dict[str, "subprocess.Popen[bytes]"]
+
+
+def start(entities: list[Any], scratch: Path, processes: list[subprocess.Popen[bytes]]) -> Processes:
+    """Start the nodes as launch does, each with a log beside."""
+    environment = {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
+    started = {}
+    for name, node in nodes(entities).items():
+        command = node.command(Path(sys.prefix), scratch)
+        with open(scratch / f"{name}.log", "wb") as log:
+            started[name] = subprocess.Popen(
+                command, stdout=log, stderr=subprocess.STDOUT, env=os.environ | environment, cwd=scratch
+            )
+        processes.append(started[name])
+    return started
+
+
+def interrupt(process: subprocess.Popen[bytes]) -> None:
+    """Send SIGINT as soon as our code has begun, which catches SIGTERM, as Python itself does not."""
+    deadline = time.monotonic() + 60
+    while process.poll() is None and time.monotonic() < deadline:
+        with contextlib.suppress(OSError):
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            if int(status.partition("SigCgt:")[2].split()[0], 16) >> (signal.SIGTERM - 1) & 1:
+                break
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+
+
+def test_a_launch_that_cannot_be_leaves_one_useful_line(
+    tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
+) -> None:
+    entities = launched("sweep.launch.py", preset="nope", runs_dir=tmp_path / "runs", simulators=2)
+    started = start(entities, tmp_path, processes)
+    assert started["coordinator"].wait(60) == 1
+    for process in started.values():  # what the end of the coordinator sets off, while others may still import
+        interrupt(process)
+    assert {process.wait(30) for name, process in started.items() if name != "coordinator"} == {0}
+    said = "".join((tmp_path / f"{name}.log").read_text() for name in started)
+    assert "preset 'nope'" in said
+    assert "Traceback" not in said
+    assert len([line for line in said.splitlines() if "[INFO]" not in line]) == 1, said
+
+
+def test_signals_at_any_moment_of_the_start_leave_no_traces(
+    tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
+) -> None:
+    entities = launched("sweep.launch.py", runs_dir=tmp_path / "runs", simulators=2)
+    started = start(entities, tmp_path, processes)
+    for number, process in enumerate(started.values()):
+        time.sleep(0.3 * number)
+        interrupt(process)
+    assert {process.wait(30) for process in started.values()} == {0}
+    said = "".join((tmp_path / f"{name}.log").read_text() for name in started)
+    assert "Traceback" not in said, said
+
+
 @pytest.mark.full
 def test_the_launched_graph_runs_a_sweep_to_its_end(
     tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
@@ -342,16 +401,7 @@ def test_the_launched_graph_runs_a_sweep_to_its_end(
     settings = "x.count=2 y.count=2 periods=10"
     runs = tmp_path / "runs"
     entities = launched("sweep.launch.py", preset="fig11d", settings=settings, runs_dir=runs, once="true", simulators=2)
-    environment = {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
-    graph = nodes(entities)
-    started = {}
-    for name, node in graph.items():
-        command = node.command(Path(sys.prefix), tmp_path)
-        with open(tmp_path / f"{name}.log", "wb") as log:
-            started[name] = subprocess.Popen(
-                command, stdout=log, stderr=subprocess.STDOUT, env=os.environ | environment, cwd=tmp_path
-            )
-        processes.append(started[name])
+    graph, started = nodes(entities), start(entities, tmp_path, processes)
     deadline = time.monotonic() + 120
     while started["coordinator"].poll() is None and time.monotonic() < deadline:
         time.sleep(0.1)
