@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +31,9 @@ DEAF_S = 5.0
 """A topic that worked counts as broken when its living reader has not confirmed it for this long."""
 
 LONGEST_STEP_S = 1.0
+
+MOST_LEFT = 1000
+"""Nodes remembered that have gone."""
 
 STARTING, READY, BUSY, CLOSED, DEAD, FAILED = range(6)
 """Health.state."""
@@ -87,6 +91,8 @@ class Neighbour:
     started: tuple[int, int]
     """Seconds and nanoseconds since 1970."""
     heard_at: float
+    number: int = 0
+    """Of the heartbeat."""
     run_id: str = ""
     state: int = STARTING
     detail: str = ""
@@ -116,6 +122,7 @@ class Neighbours:
         self._own, self._host, self._cares = incarnation, host, cares
         self._known: dict[str, Neighbour] = {}
         self._heard: dict[str, dict[str, float]] = {}
+        self._left: deque[str] = deque(maxlen=MOST_LEFT)
         self.changed = False
         """Somebody or something new was heard: worth a heartbeat at once."""
 
@@ -128,8 +135,13 @@ class Neighbours:
             self.changed |= topic not in topics
             topics[topic] = now
 
+    def is_old(self, message: Any) -> bool:
+        """Return whether a heartbeat is not newer than the latest of its node: somebody plays a bag."""
+        known = self._known.get(message.incarnation)
+        return message.incarnation in self._left or (known is not None and message.number <= known.number)
+
     def take(self, message: Any, now: float) -> Neighbour | None:
-        """Take in a heartbeat (Health); return the node, or None where it has gone or it is about nobody."""
+        """Take in a heartbeat (Health) that is no old one; return the node, or None where it has gone."""
         if message.state == DEAD:
             for incarnation, known in list(self._known.items()):
                 if (known.host, known.pid) == (message.host, message.pid):
@@ -140,11 +152,18 @@ class Neighbours:
             return None
         if message.state == CLOSED and message.detail == LEFT:
             self.forget(incarnation)
+            self._left.append(incarnation)
             return None
         started = (message.started.sec, message.started.nanosec)
         new = Neighbour(message.role, message.node, incarnation, message.host, message.pid, started, now)
         known = self._known.setdefault(incarnation, new)
-        known.run_id, known.state, known.detail, known.heard_at = message.run_id, message.state, message.detail, now
+        known.number, known.run_id, known.state, known.detail, known.heard_at = (
+            message.number,
+            message.run_id,
+            message.state,
+            message.detail,
+            now,
+        )
         mine = [words.split()[1:] for words in message.hears if words.startswith(f"{self._own} ")]
         known.hears = frozenset(mine[0]) if mine else frozenset()
         known.confirmed.update(dict.fromkeys(known.hears, now))

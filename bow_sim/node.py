@@ -207,6 +207,9 @@ class SimulatorNode(BowNode):
         self.heard("blocks", message["coordinator"])
         if message["simulator"] != self.incarnation:
             return
+        if not self.works_for(message["coordinator"], message["run_id"]):  # out of a bag, say; a lost one comes again
+            self.health.ignored += 1
+            return
         try:
             job = self._accept(message)
         except (ParameterError, ValueError) as error:
@@ -343,15 +346,19 @@ class SimulatorNode(BowNode):
             self._publish(messages)
 
     def _publish(self, messages: Sequence[bytes]) -> None:
-        for publisher, message in zip((self._force, self._slips), messages, strict=True):
-            publisher.publish(message)
-            self.health.bytes += len(message)
+        try:
+            for publisher, message in zip((self._force, self._slips), messages, strict=True):
+                publisher.publish(message)
+                self.health.bytes += len(message)
+        except RCLError as error:  # a subscriber hangs or is just leaving: what stays unanswered is sent again
+            self.get_logger().warning(f"a chunk did not go out: {error}", throttle_duration_sec=5.0)
         self.health.messages += len(messages)
 
     def _show(self, values: Mapping[str, Any], output: ChunkResult, rows: NDArray[np.intp]) -> None:
         """Publish the bridge force of some cells of a chunk, by their rows, for people to look at."""
         shown = {"cells": values["cells"][rows], "data": output.bridge_force[rows]}
-        self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
+        with contextlib.suppress(RCLError):  # for people to look at: a lost one is no loss
+            self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
 
     def close(self) -> None:
         """Stop the worker; what it has not finished the coordinator gives to another."""

@@ -138,6 +138,7 @@ class BowNode(Node):
         now = self.awake.now()
         self._next_beat = now + HEALTH_PERIOD_S
         self.health.stamp = self.wall_time()
+        self.health.number += 1
         self.health.rss = resident_bytes()
         self.health.hears = self.neighbours.hears(now)
         self._health_publisher.publish(self.health)
@@ -189,6 +190,11 @@ class BowNode(Node):
         return known is not None and alive and known.is_live and known.run_id == run_id
 
     def _take_health(self, message: Health) -> None:
+        if message.incarnation == self.incarnation:
+            return
+        if self.neighbours.is_old(message):
+            self.health.ignored += 1
+            return
         neighbour = self.neighbours.take(message, self.awake.now())
         rival = self.neighbours.rival(
             self.health.role,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from bow_sim.neighbours import BUSY, CONSUMERS, READY, STARTING
 
 STUCK_S, AFTER_STOP_S = 12.0, 6.0
-"""A process that does not get to work for so long is started again; after a stop, when all have long started, sooner."""
+"""A process that does not get to work for so long is started again; sooner after a stop, when all have long started."""
 
 UNHEARD_S = 15.0
 """A process has this long, while it does not compute, to be heard for the first time or again."""
@@ -89,9 +89,9 @@ class Waiting:
         if progress != self._progress[0]:
             self._progress = (progress, now)
 
-    def hold(self, pids: Collection[int], now: float) -> bool:
-        """Do not count the time in which one of our processes is stopped; return whether one is."""
-        stopped = any(self._look(pid).stopped for pid in pids)
+    def hold(self, pids: Collection[int], now: float) -> set[int]:
+        """Do not count the time in which one of our processes is stopped; return those that are."""
+        stopped = {pid for pid in pids if self._look(pid).stopped}
         if stopped:
             self.note_stop()
             self._progress = (self._progress[0], now)

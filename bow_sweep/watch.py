@@ -195,7 +195,10 @@ def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, 
     needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
     if node.awake.slept > STOP_S:
         waiting.note_stop()
-    if waiting.hold(needed, now):
+    stopped = waiting.hold(needed, now)
+    if stopped:
+        names = ", ".join(sorted(children[pid].name for pid in stopped))
+        node.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
         return
     unheard = waiting.unheard(children, now)
     unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # nobody misses them

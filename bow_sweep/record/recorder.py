@@ -24,7 +24,7 @@ from bow_sim.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbo
 from bow_sim.ros import STREAM, BowNode, RCLError, live
 
 from .bag import FOLDER, BagError
-from .expected import CLOSED, Expected
+from .expected import CLOSED, OPEN, Expected
 from .recover import LockedError
 from .session import COMMIT_S, AlreadyClosedError, Session, log_name
 from .topics import STORED_ONCE, TOPICS, Qos, Topic
@@ -82,7 +82,7 @@ class RecorderNode(BowNode):
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
-        self._complained = 0
+        self._complained = self._counted = 0
         self._outbox: deque[bytes] = deque()
         self._try_at = self._last_sent = self._waits_until = 0.0
         self._authority = Authority(self.works_for)
@@ -153,9 +153,12 @@ class RecorderNode(BowNode):
                 return
             self._finish(f"run {plan['run_id']} opens")
         self._waiting = None
-        if (plan["run_id"], plan["epoch"]) != self._done_with:
-            self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
-            self._open()
+        if (plan["run_id"], plan["epoch"]) == self._done_with:
+            self._authority.release()
+            self.health.ignored += plan["state"] == OPEN
+            return
+        self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
+        self._open()
 
     def _open(self) -> None:
         assert self._waiting is not None
@@ -186,7 +189,7 @@ class RecorderNode(BowNode):
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
             self.become(Health.FAILED, f"cannot record: {error}", run)
         else:
-            self._complained = 0
+            self._complained = self._counted = 0
             for file in self._session.report["files"]:
                 if file["was"] == "torn":
                     self.get_logger().warning(
@@ -236,7 +239,8 @@ class RecorderNode(BowNode):
 
     def _count(self, session: Session) -> None:
         self.health.messages, self.health.bytes = session.messages, session.bytes
-        self.health.duplicates, self.health.ignored = session.inventory.duplicates, session.ignored
+        self.health.duplicates = session.inventory.duplicates
+        self.health.ignored, self._counted = self.health.ignored + session.ignored - self._counted, session.ignored
 
     def _commit(self, session: Session) -> None:
         try:

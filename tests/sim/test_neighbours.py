@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,11 +16,13 @@ from bow_sim.neighbours import (
     LEFT,
     LONGEST_STEP_S,
     SILENT_S,
+    STARTING,
     AwakeClock,
     Neighbours,
 )
 
 OWN, OTHER = "a" * 16, "b" * 16
+NUMBERS = itertools.count(1)
 GONE = 2**22 + 1
 """No process has this number: it is larger than pid_max."""
 
@@ -37,6 +40,7 @@ def health(**changes: Any) -> SimpleNamespace:
         "detail": "",
         "hears": [],
         "started": SimpleNamespace(sec=5, nanosec=0),
+        "number": next(NUMBERS),
     }
     return SimpleNamespace(**{**values, **changes})
 
@@ -117,6 +121,17 @@ def test_a_topic_works_when_its_reader_says_so(neighbours: Neighbours) -> None:
     neighbours.take(health(incarnation="d" * 16), 2.0)  # started again: it has not heard us yet
     neighbours.forget(OTHER)
     assert neighbours.missing(needed, "r", 2.0, 5.0) == ["/bow/recorder does not hear verdicts"]
+
+
+def test_an_older_heartbeat_of_a_living_node_is_known_for_one(neighbours: Neighbours) -> None:
+    first, second = health(), health(state=STARTING)
+    neighbours.take(second, 0.0)
+    assert neighbours.is_old(first)
+    assert neighbours.is_old(second)
+    assert not neighbours.is_old(health())
+    neighbours.take(health(state=CLOSED, detail=LEFT), 1.0)
+    assert neighbours.is_old(health())
+    assert not neighbours.is_old(health(incarnation="c" * 16))
 
 
 def test_a_heartbeat_out_of_a_bag_is_of_nobody_who_lives(neighbours: Neighbours) -> None:
