@@ -25,6 +25,7 @@ from bow_sim.ros import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 from .display import Display, Progress
 from .ending import Ending
 from .supervisor import SPECTATORS, Death, GraphError, Supervisor, tail
+from .view.wanted import NOTE
 from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting, usage
 
 STOP_S = 5.0
@@ -33,10 +34,8 @@ STOP_S = 5.0
 SAY_S = 5.0
 """What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
 
-NOTE = "; note: "
-"""In what a node says of itself, before each thing that people should read; below, beginnings of such."""
-
 NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
+"""Beginnings of what nodes say of themselves that people should read."""
 
 
 class SupervisorNode(BowNode):

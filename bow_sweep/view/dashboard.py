@@ -23,7 +23,7 @@ from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_afte
 
 from .account import Node
 from .viewer import Viewer
-from .wanted import NO_DISPLAY, free_port, has_display, port_problem
+from .wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
 
 if TYPE_CHECKING:
     from .show import Show
@@ -42,9 +42,6 @@ TICK_S = 0.1
 
 EXIT_S = 3
 """Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
-
-NOTE = "; note: "
-"""In `Health.detail`, before each thing that a user should know."""
 
 INSPECT_DEPTH = 500
 """A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""

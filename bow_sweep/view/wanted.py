@@ -14,6 +14,9 @@ LOOPBACK = "127.0.0.1"
 
 MOST_PORT = 65535
 
+NOTE = "; note: "
+"""In `Health.detail` of a dashboard, before each thing that a user should know."""
+
 NO_DISPLAY = "there is no display here"
 """DISPLAY and WAYLAND_DISPLAY are empty."""
 
