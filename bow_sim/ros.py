@@ -10,6 +10,7 @@ import resource
 import signal
 import socket
 import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,7 +28,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from . import reach
+from . import environment, reach
 from .credit import LIMIT
 from .diagnosis import network_hints
 from .identity import random_id
@@ -270,6 +271,14 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
     if {"-h", "--help"} & set(remove_ros_args(arguments)[1:]):
         print(description.strip())
         return 0
+    environment.open_streams()
+    try:
+        ignored = environment.settle()
+    except environment.EnvironmentProblem as error:
+        print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
+        return 2
+    if ignored:
+        print(ignored, file=sys.stderr)
     reach.apply_defaults()
     keep_memory()
     interrupt_less()
@@ -319,6 +328,11 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
 
 
 def end_after(seconds: int) -> None:
-    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all."""
+    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all.
+
+    Only from the main thread: a process with others is not ours to end.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(seconds)

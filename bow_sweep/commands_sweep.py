@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shlex
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bow_sim import reach
+from bow_sim import environment, reach
 from bow_sim.identity import random_id
 from bow_sim.model import MODELS, ParameterError
 from bow_sim.taps import embed_files
@@ -22,22 +22,44 @@ from .campaign import FILE, Campaign, campaigns, report
 from .plan import Sweep, presets
 from .view.wanted import Wanted, WantedError, wanted
 
+if TYPE_CHECKING:
+    from .claim import Claim
+
 DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses."""
 
 
 def fail(message: str, status: int = USAGE) -> int:
     """Say what is wrong and return the exit status."""
-    print(f"bow: {message}", file=sys.stderr)
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(f"bow: {message}", file=sys.stderr)
     return status
 
 
-MOST_SIMULATORS = 100
-"""A DDS domain has ports for 120 processes of one machine."""
+def tell(text: str) -> None:
+    """Print what there is to say of a finished sweep; where that cannot be, only words are lost."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        environment.silence("stdout")
+        fail(f"the sweep is done, but standard output: {error.strerror}")
+
+
+MOST_A_CORE = 8
+"""Simulators that start well on a core. More take each other's time until they hear each other, and compute no faster:
+of 64 on two cores none began within minutes."""
+
+MOST = 64
+"""Simulators of one graph on one machine: each hears every other node."""
 
 
 def _cores() -> int:
-    return min(len(os.sched_getaffinity(0)), MOST_SIMULATORS)
+    return len(os.sched_getaffinity(0))
+
+
+def bounded(simulators: int, cores: int) -> int:
+    """Return how many simulators are started where so many are asked for."""
+    return min(simulators, MOST_A_CORE * cores, MOST)
 
 
 def add_command(commands: Any) -> None:
@@ -67,7 +89,13 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
-    parser.add_argument("--simulators", metavar="N", type=int, default=_cores(), help="processes (default: one a core)")
+    parser.add_argument(
+        "--simulators",
+        metavar="N",
+        type=int,
+        default=bounded(_cores(), _cores()),
+        help="processes (default: one a core)",
+    )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="go on with this run directory")
     parser.add_argument(
@@ -100,13 +128,15 @@ class _Job:
 
 
 def _sweep(args: argparse.Namespace) -> int:
+    from .claim import claim, take_up
     from .run import RunError
 
-    if not 1 <= args.simulators <= MOST_SIMULATORS:
-        return fail(f"--simulators {args.simulators}: should be 1 ... {MOST_SIMULATORS}")
+    if args.simulators < 1:
+        return fail(f"--simulators {args.simulators}: should be at least 1")
     try:
         dashboard = wanted(args.view, args.port, args.no_dashboard)
-    except WantedError as error:
+        ignored = environment.settle()
+    except (WantedError, environment.EnvironmentProblem) as error:
         return fail(str(error))
     if args.network:
         try:
@@ -117,9 +147,11 @@ def _sweep(args: argparse.Namespace) -> int:
     if args.resume and (args.preset or short or args.settings or args.out):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
     campaign = None
+    held: Claim | None = None
     try:
         if args.resume:
-            directory = args.resume.resolve()
+            held = take_up(args.resume.resolve())
+            directory = held.directory
             if (directory / FILE).exists():
                 campaign = Campaign.in_directory(directory)
             jobs = _unfinished(campaign, directory) if campaign else _resumed(directory)
@@ -131,23 +163,29 @@ def _sweep(args: argparse.Namespace) -> int:
             else:
                 jobs = {"": _Job(Path(), random_id(), Sweep.from_spec(args.preset, settings))}
             name = args.preset or jobs[""].sweep.parameters.model
-            directory = (args.out or Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}").resolve()
-            problem = _directory_problem(directory)
-            if problem:
-                return fail(problem)
+            held = claim(args.out, name)
+            directory = held.directory
             jobs = {preset: replace(job, directory=directory / preset) for preset, job in jobs.items()}
             if campaign:
                 campaign.begin(directory)
-    except (ParameterError, RunError) as error:
+    except (ParameterError, RunError, OSError) as error:
+        if held is not None:
+            held.release()
         return fail(str(error))
+    if ignored:
+        print(f"bow: {ignored}", file=sys.stderr)
+    most = bounded(args.simulators, _cores())
+    if most < args.simulators:
+        print(f"bow: --simulators {args.simulators}: {most} are started, more do not start well here", file=sys.stderr)
+        args.simulators = most
     left_out: list[Path] = []
-    status = _run(args, directory, list(jobs.values()), dashboard, left_out)
+    status = _run(args, held, list(jobs.values()), dashboard, left_out)
     if status != DONE:
         return status
     if campaign:
         return _conclude(campaign, directory, left_out)
     nothing = "" if jobs else "nothing to do: every block of this run is done or quarantined\n\n"
-    print(nothing + _summary(directory, left_out))
+    tell(nothing + _summary(directory, left_out))
     return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
 
 
@@ -176,26 +214,8 @@ def _unfinished(campaign: Campaign, directory: Path) -> dict[str, _Job]:
     return left
 
 
-def _directory_problem(directory: Path) -> str:
-    """Return why a new run cannot go into `directory`, or ""; makes it."""
-    if directory.exists() and not directory.is_dir():
-        return f"--out {directory}: is a file; should be a directory that is new or empty"
-    try:
-        if directory.is_dir() and any(directory.iterdir()):
-            return f"--out {directory}: is not empty; choose a new one, or go on with --resume {directory}"
-        directory.mkdir(parents=True, exist_ok=True)
-        probe = directory / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        return f"--out {directory}: cannot be written: {error.strerror}"
-    return ""
-
-
-def _run(
-    args: argparse.Namespace, directory: Path, jobs: Sequence[_Job], dashboard: Wanted, left_out: list[Path]
-) -> int:
-    """Carry out runs, one after the other, on one display; add the logs of what was left out."""
+def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard: Wanted, left_out: list[Path]) -> int:
+    """Carry out runs on one display and let go of their directory; add the logs of what was left out."""
     from .conduct import conduct
     from .display import Display
     from .supervisor import GraphError
@@ -203,7 +223,9 @@ def _run(
     display = Display()
     for note in dashboard.notes:
         display.say(note)
-    again = f"go on with: bow sweep --resume {shlex.quote(str(directory))}"
+    again = f"go on with: bow sweep --resume {shlex.quote(str(held.directory))}"
+    unbegun = "no run was begun, and nothing is left of it: the same command can be given again"
+    runs = [job.directory for job in jobs]
     total = sum(job.sweep.budget for job in jobs)
     before = 0
     try:
@@ -224,11 +246,13 @@ def _run(
             before += job.sweep.budget
     except KeyboardInterrupt:
         display.stop()
-        return fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
-    except GraphError as error:
+        begun = held.release(*runs)
+        return fail(f"interrupted; {f'nothing is lost, {again}' if begun else unbegun}", INTERRUPTED)
+    except (GraphError, OSError) as error:
         display.stop()
-        return fail(f"{error}\n{again}", FAILED)
+        return fail(f"{error}\n{again if held.release(*runs) else unbegun}", FAILED)
     display.stop()
+    held.release(*runs)
     return DONE
 
 
@@ -244,15 +268,15 @@ def _conclude(campaign: Campaign, directory: Path, left_out: Sequence[Path] = ()
             drawn = True
         except Exception as error:  # MapFileError: the settings make it another one; else as write_results
             print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
-    print("\n".join([campaign.title, *map(_left_out, left_out), ""]))
+    tell("\n".join([campaign.title, *map(_left_out, left_out), ""]))
     for preset, run in found["runs"].items():
         length = run["median_transient_periods"]
-        print(
+        tell(
             f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
             + (f", median transient {length:g} periods" if length else "")
         )
     cells = found["cells"]
-    print(
+    tell(
         f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
         f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
         + ("  maps.png        all maps, to look at\n" if drawn else "")

@@ -23,7 +23,7 @@ MODULES = {
 }
 """Role -> module with the node's main()."""
 
-BEGIN = "bow_sweep.cli"
+BEGIN = "bow_sweep.start"
 """Module whose command() is the rest."""
 
 INTERRUPTED = 130

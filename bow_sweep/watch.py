@@ -135,7 +135,7 @@ def watch(supervisor: Supervisor, display: Display, ending: Ending) -> None:
 
 def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
     """Be a node of the graph while it is watched."""
-    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
+    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}", "--log-file-name", "supervisor"]
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     node = None
