@@ -33,6 +33,7 @@ from .credit import LIMIT
 from .diagnosis import network_hints
 from .identity import random_id
 from .neighbours import LEFT, AwakeClock, Neighbour, Neighbours
+from .notes import Note
 
 RCLError = rclpy_implementation.RCLError
 
@@ -288,6 +289,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         signal.signal(number, lambda number, _: told.append(number))
     gc.freeze()  # what is imported stays
     gc.enable()
+    note = Note()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     try:
@@ -295,6 +297,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         executor.add_node(node)
         while not (told or node.finished):
             executor.spin_once(timeout_sec=0.1)
+            note.update()
         status = node.status
     except (StartupError, ParameterException) as error:
         print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
@@ -319,6 +322,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         node = None
         del executor
         leave()
+        note.close()
         end_after(0)
     return status
 

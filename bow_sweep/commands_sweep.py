@@ -20,6 +20,7 @@ from bow_sim.taps import embed_files
 
 from .campaign import FILE, Campaign, campaigns, report
 from .plan import Sweep, presets
+from .view.wanted import Wanted, WantedError, wanted
 
 if TYPE_CHECKING:
     from .claim import Claim
@@ -122,7 +123,7 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("--view", action="store_true", help="open the rerun viewer and watch the map grow")
     parser.add_argument(
-        "--port", metavar="P", type=int, default=0, help="serve the dashboard to `rerun --connect` on P"
+        "--port", metavar="P", default="0", help="serve the dashboard to `rerun --connect` on P of 127.0.0.1"
     )
     parser.add_argument("--no-dashboard", action="store_true", help="no dashboard node, no dashboard.rrd")
     parser.set_defaults(run=_sweep)
@@ -151,6 +152,10 @@ def _sweep(args: argparse.Namespace) -> int:
         return fail(f"--simulators {args.simulators}: should be at least 1")
     if not settled():
         return USAGE
+    try:
+        dashboard = wanted(args.view, args.port, args.no_dashboard)
+    except WantedError as error:
+        return fail(str(error))
     if args.network:
         try:
             os.environ.update(reach.asked(args.network))
@@ -189,12 +194,14 @@ def _sweep(args: argparse.Namespace) -> int:
     if most < args.simulators:
         warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
         args.simulators = most
-    status = _run(args, held, list(jobs.values()))
+    left_out: list[Path] = []
+    status = _run(args, held, list(jobs.values()), dashboard, left_out)
     if status != DONE:
         return status
     if campaign:
-        return _conclude(campaign, directory)
-    tell(("" if jobs else "nothing to do: every block of this run is done or quarantined\n\n") + _summary(directory))
+        return _conclude(campaign, directory, left_out)
+    nothing = "" if jobs else "nothing to do: every block of this run is done or quarantined\n\n"
+    tell(nothing + _summary(directory, left_out))
     return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
 
 
@@ -223,14 +230,15 @@ def _unfinished(campaign: Campaign, directory: Path) -> dict[str, _Job]:
     return left
 
 
-def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job]) -> int:
-    """Carry out runs, one after the other, on one display; let go of their directory."""
+def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard: Wanted, left_out: list[Path]) -> int:
+    """Carry out runs on one display and let go of their directory; add the logs of what was left out."""
     from .conduct import conduct
     from .display import Display
     from .supervisor import GraphError
 
     display = Display()
-    dashboard = None if args.no_dashboard else {"view": args.view, "port": args.port}
+    for note in dashboard.notes:
+        display.say(note)
     again = f"go on with: bow sweep --resume {shlex.quote(str(held.directory))}"
     unbegun = "no run was begun, and nothing is left of it: the same command can be given again"
     runs = [job.directory for job in jobs]
@@ -248,8 +256,9 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job]) -> int:
             if reach.goes_beyond(os.environ):
                 display.say(f"other machines join with: {reach.joining(f'/bow/{job.run_id}', os.environ)}")
             job.directory.mkdir(exist_ok=True)
-            options = {"simulators": args.simulators, "dashboard": dashboard, "display": display}
-            conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
+            shown = None if left_out else dashboard.parameters  # one that could not live once is left out for good
+            options = {"simulators": args.simulators, "dashboard": shown, "display": display}
+            left_out += conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
             before += job.sweep.budget
     except KeyboardInterrupt:
         display.stop()
@@ -263,10 +272,9 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job]) -> int:
     return DONE
 
 
-def _conclude(campaign: Campaign, directory: Path) -> int:
+def _conclude(campaign: Campaign, directory: Path, left_out: Sequence[Path] = ()) -> int:
     """Report on a finished campaign, and draw the figure that it makes."""
     from .commands_paper import draw_maps
-    from .view.maps import MapFileError
 
     found = report(directory, campaign)
     drawn = False
@@ -274,9 +282,9 @@ def _conclude(campaign: Campaign, directory: Path) -> int:
         try:
             draw_maps(campaign.figure, [directory / preset for preset in campaign.presets], directory / "maps.png")
             drawn = True
-        except MapFileError as error:  # the settings make it another one
+        except Exception as error:  # MapFileError: the settings make it another one; else as write_results
             print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
-    tell(f"{campaign.title}\n")
+    tell("\n".join([campaign.title, *map(_left_out, left_out), ""]))
     for preset, run in found["runs"].items():
         length = run["median_transient_periods"]
         tell(
@@ -300,7 +308,21 @@ def _report(directory: Path) -> dict[str, Any]:
     return report
 
 
-def _summary(directory: Path) -> str:
+FILES = {
+    "map.png": "the basin map, to look at",
+    "map.npz": "the same as arrays",
+    "dashboard.rrd": "rerun {path}",
+    "bag": "every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
+    "report.json": "accounts, versions, parameters",
+}
+"""What a run directory has for people; pictures may be missing."""
+
+
+def _left_out(log: Path) -> str:
+    return f"without {log.stem} to its end: see {log}"
+
+
+def _summary(directory: Path, left_out: Sequence[Path] = ()) -> str:
     report = _report(directory)
     cells = report["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["regimes"].items() if count)
@@ -310,13 +332,14 @@ def _summary(directory: Path) -> str:
         f"{cells['done']} of {cells['planned']} cells in {report['wall_seconds']:.1f} s; "
         f"Helmholtz motion in {report['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
+        *map(_left_out, left_out),
         "",
         f"{directory}/",
-        "  map.png         the basin map, to look at",
-        "  map.npz         the same as arrays",
-        f"  dashboard.rrd   rerun {shlex.quote(str(directory / 'dashboard.rrd'))}",
-        "  bag/            every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
-        "  report.json     accounts, versions, parameters",
+        *(
+            f"  {name + '/' * (directory / name).is_dir():15} {what.format(path=shlex.quote(str(directory / name)))}"
+            for name, what in FILES.items()
+            if (directory / name).exists()
+        ),
         "",
         f"check it: bow verify {shlex.quote(str(directory))}",
     ]

@@ -56,8 +56,8 @@ def conduct(
     simulators: int,
     dashboard: dict[str, Any] | None,
     display: Display,
-) -> None:
-    """Run the graph until the run in `directory` is finished.
+) -> list[Path]:
+    """Run the graph until the run in `directory` is finished; return the logs of what was left out of it.
 
     Parameters
     ----------
@@ -116,6 +116,7 @@ def conduct(
             gc.enable()
             if killed:
                 display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
+    return supervisor.left_out
 
 
 def _load_compiled(sweep: Sweep) -> None:

@@ -12,7 +12,7 @@ from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, Block, Health, Plan, Receipt, Verdicts
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from sensor_msgs.msg import Image
 
 from bow_sim import wire
@@ -23,7 +23,7 @@ from bow_sim.ros import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError, 
 
 from . import announce
 from .basin import Basin
-from .closing import may_finish
+from .closing import DRAW_S, DRAW_SAY_S, waits_for
 from .consumers import Consumers
 from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
 from .plan import Sweep
@@ -88,7 +88,6 @@ class CoordinatorNode(BowNode):
             RunSweep,
             "run_sweep",
             execute_callback=self._conclude,
-            goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=60,
@@ -96,7 +95,7 @@ class CoordinatorNode(BowNode):
         self.every(TICK_S, self._tick)
         try:
             if text["resume"]:
-                self._begin(Run.resume(Path(text["resume"])))
+                self._begin(Run.resume(Path(text["resume"]).absolute()))
             elif text["preset"] or any(settings):
                 self._begin(self._create(Sweep.from_spec(text["preset"], [s for s in settings if s])))
             else:
@@ -113,7 +112,7 @@ class CoordinatorNode(BowNode):
     def _create(self, sweep: Sweep) -> Run:
         identity, self._run_id = self._run_id or random_id(), ""
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
-        return Run.create(directory, identity, sweep)
+        return Run.create(directory.absolute(), identity, sweep)
 
     def _begin(self, run: Run) -> None:
         self._run, self._closing = run, False
@@ -161,26 +160,20 @@ class CoordinatorNode(BowNode):
 
     # ---- the goal
 
-    def _on_goal(self, goal: RunSweep.Goal) -> GoalResponse:
+    def _on_accepted(self, goal: Any) -> None:
+        """Begin a sweep; a goal that cannot be is aborted rather than rejected, as a rejection tells no reason."""
         try:
             if self._run is not None:
                 raise RunError(f"run {self._run.run_id} is not finished; one sweep at a time")
-            Sweep.from_spec(goal.spec.preset, goal.spec.settings)
+            run = self._create(Sweep.from_spec(goal.request.spec.preset, goal.request.spec.settings))
         except (ParameterError, RunError) as error:
-            self.get_logger().error(f"goal rejected: {error}")
-            self.become(self.health.state, f"goal rejected: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
-
-    def _on_accepted(self, goal: Any) -> None:
-        self._goal = goal
-        try:
-            self._begin(self._create(Sweep.from_spec(goal.request.spec.preset, goal.request.spec.settings)))
-        except RunError as error:
-            self.get_logger().error(str(error))
+            self.get_logger().error(f"goal refused: {error}")
+            self.become(self.health.state, f"goal refused: {error}")
             goal.bow_outcome = RunSweep.Result(message=str(error))
             goal.execute()
-            self._goal = None
+            return
+        self._goal = goal
+        self._begin(run)
 
     def _conclude(self, goal: Any) -> RunSweep.Result:
         result: RunSweep.Result = goal.bow_outcome
@@ -312,7 +305,9 @@ class CoordinatorNode(BowNode):
         self._publish_plan(Plan.CLOSED)
         self.become(Health.BUSY, "drawing the map, while the bag is closed")
         self._playability = playability_of(self._run, self._basin)
-        write_results(self._run, self._basin)
+        if problem := write_results(self._run, self._basin):
+            self.get_logger().error(f"not drawn: {problem}")
+            self.become(Health.BUSY, f"not drawn: {problem}")
         self.become(Health.BUSY, "waiting for the bag to close")
 
     # ---- five times a second
@@ -361,8 +356,11 @@ class CoordinatorNode(BowNode):
         run = self._run
         if self._closing and run is not None:
             waited = self.awake.now() - self._closed_at
-            if may_finish(self._nodes.values(), run.run_id, waited, self._shown):
+            missing = waits_for(self._nodes.values(), run.run_id, waited, self._shown)
+            if not missing:
                 self._finish()
+            elif missing == "dashboard" and waited > DRAW_SAY_S:
+                self.become(Health.BUSY, f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most")
 
     # ---- what goes out
 

@@ -20,9 +20,9 @@ from pathlib import Path
 import setproctitle
 from inotify_simple import INotify, flags
 
+from bow_sim import leftovers
 from bow_sim.reach import SHARED_MEMORY
 
-from . import leftovers
 from .forked import Forked
 
 NOTE = "shared_memory"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,14 +42,22 @@ def prepare() -> None:
     """Load the libraries that results are drawn and measured with, which take half a second."""
     import scipy.ndimage  # noqa: F401
 
-    from .view import pictures  # noqa: F401
+    with contextlib.suppress(Exception):  # write_results will say so
+        from .view import pictures  # noqa: F401
 
 
-def write_results(run: Run, basin: Basin) -> None:
-    """Write map.npz and map.png into the directory of a run."""
+def write_results(run: Run, basin: Basin) -> str:
+    """Write map.npz and map.png into the directory of a run; return why there is no picture, or ""."""
     result = map_of(run, basin)
     write_map_npz(run.directory / MAP, result)
-    draw_map(result, run.directory / PICTURE)
+    picture = run.directory / PICTURE
+    try:
+        draw_map(result, picture)
+    except Exception as error:  # whatever a library raises: a picture is only for looking at
+        with contextlib.suppress(OSError):
+            picture.unlink(missing_ok=True)  # of an earlier state of the run
+        return f"{picture}: {error or type(error).__name__}"
+    return ""
 
 
 def load_basin(directory: Path, sweep: Sweep) -> Basin:

@@ -17,18 +17,12 @@ from pathlib import Path
 
 import setproctitle
 
+from bow_sim.notes import SUPERVISED, work_off
+
+from .entry import MODULES
 from .forked import UNKNOWN, Forked, Process, Started
 from .janitor import Janitor
 from .start import CHILD
-
-MODULES = {
-    "coordinator": "bow_sweep.coordinator",
-    "simulator": "bow_sim.node",
-    "classifier": "bow_classifier.node",
-    "recorder": "bow_sweep.record.recorder",
-    "dashboard": "bow_sweep.view.dashboard",
-}
-"""Role -> module with the node's main()."""
 
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
 """Sources first, so that the recorder still hears what was under way."""
@@ -39,6 +33,9 @@ STOP_S, LEAST_STOP_S = 15.0, 3.0
 CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
+
+SPECTATORS = ("dashboard",)
+"""Roles that are only for looking at: one that cannot live is left out."""
 
 NAMED = 5
 """Arguments of a node that say which it is: ``--ros-args``, its name, its namespace."""
@@ -135,8 +132,11 @@ class Supervisor:
         self._leaving: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
+        self.left_out: list[Path] = []
+        """Logs of the processes that are not started again, though the graph goes on."""
         self._janitor: Janitor | None = None
         logs.mkdir(parents=True, exist_ok=True)
+        work_off()
         self._logs_before = os.environ.get(ROS_LOGS)
         os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process as for those of its children
 
@@ -147,7 +147,7 @@ class Supervisor:
         log = self.logs / f"{name}.log"
         janitor = self._hire()
         command = [MODULES[role], "--ros-args", *self._arguments(role, name)]
-        environment = {"PYTHONUNBUFFERED": "1"}
+        environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         process: Process
         if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack other threads
             process = Forked(partial(_main, role, name, command, environment), log)
@@ -181,6 +181,23 @@ class Supervisor:
         self.children = [child for child in self.children if child.process.returncode is None]
         return gone
 
+    def leaves_out(self, death: Death) -> str:
+        """Return why a process that is only for looking at is not started again, for people, or "".
+
+        One that failed before it came to work would do so again; the others may end as often as a role may crash.
+        """
+        child = death.child
+        if child.role not in SPECTATORS:
+            return ""
+        ends = self._deaths[child.role] = [*self._deaths.get(child.role, []), time.monotonic()]
+        failed = death.status in range(1, 256)
+        if len(ends) < CRASHES and (child.worked or not failed):
+            return ""
+        self.left_out.append(child.log)
+        times = f"ended {len(ends)} times, at last: " if len(ends) > 1 else ""
+        last = tail(child.log, 1).partition(f"{child.log.name}: ")[2] if failed else ""
+        return f"{times}{death.cause}" + (f": {last}" if last else "")
+
     def _meant(self, child: Child, status: int) -> int:
         """Return the exit status of a child, 0 where it had done its work."""
         late = status == -signal.SIGALRM  # see ros.LEAVE_S
@@ -197,7 +214,7 @@ class Supervisor:
         GraphError
             Where its role dies again and again.
         """
-        if death.child.role == "simulator" and death.child.worked:
+        if (death.child.role == "simulator" and death.child.worked) or death.child.role in SPECTATORS:
             return self.start(death.child.role)
         now = time.monotonic()
         deaths = [when for when in self._deaths.get(death.child.role, []) if now - when < CRASHES_WITHIN_S]

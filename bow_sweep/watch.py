@@ -24,14 +24,18 @@ from bow_sim.ros import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 
 from .display import Display, Progress
 from .ending import Ending
-from .supervisor import Death, GraphError, Supervisor, tail
-from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting
+from .supervisor import SPECTATORS, Death, GraphError, Supervisor, tail
+from .view.wanted import NOTE
+from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting, usage
 
 STOP_S = 5.0
 """So long this process was stopped in all, that DDS may have lost others."""
 
 SAY_S = 5.0
 """What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
+
+NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
+"""Beginnings of what nodes say of themselves that people should read."""
 
 
 class SupervisorNode(BowNode):
@@ -83,11 +87,10 @@ class SupervisorNode(BowNode):
             self._note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
             self.failed = f"{message.role}: {message.detail}"
-        elif message.state == Health.FAILED or message.detail.startswith("refuses blocks"):
+        elif message.state == Health.FAILED or message.detail.startswith(NEWS):
             self.news.setdefault(f"{message.node}: {message.detail}", True)
-        _, found, command = message.detail.partition("; watch with: ")
-        if found:
-            self.news.setdefault(f"watch the map grow with: {command}", True)
+        for note in message.detail.split(NOTE)[1:]:
+            self.news.setdefault(note, True)
 
     def _note_waiting(self, what: str, now: float) -> None:
         """Say what the coordinator waits for, where it was at work already; before, the display shows it."""
@@ -159,9 +162,12 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
                 if death.status == 0:
                     return
                 raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
-            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             node.bury(death)
             death.child.worked = death.child.process.pid in node.waiting.worked
+            if why := supervisor.leaves_out(death):
+                display.say(f"the sweep goes on without {death.child.name} ({why}); see {death.child.log}")
+                continue
+            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             supervisor.revive(death)
         node.ours = {child.process.pid for child in supervisor.children}
         _look_after(supervisor, node, display, restarts)
@@ -185,22 +191,25 @@ def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, 
     """
     now, waiting = node.awake.now(), node.waiting
     children = {child.process.pid: child for child in supervisor.children}
+    needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
     if node.awake.slept > STOP_S:
         waiting.note_stop()
-    stopped = waiting.hold(children, now)
+    stopped = waiting.hold(needed, now)
     if stopped:
         names = ", ".join(sorted(children[pid].name for pid in stopped))
         node.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
         return
     unheard = waiting.unheard(children, now)
-    if unheard and len(unheard) == len(children):
-        names = ", ".join(child.name for child in children.values())
+    unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # nobody misses them
+    if needed and unheard >= needed.keys():
+        names = ", ".join(child.name for child in needed.values())
         raise GraphError(f"nothing is heard of {names} for {UNHEARD_S:g} s. Look at: {_hints()}")
     for pid in (unheard | waiting.stuck(now)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
         why = f"{child.name} is not heard" if pid in unheard else f"{child.name} and the others do not hear each other"
-        if child.role == "coordinator" or restarts[child.role] > RESTARTS * max(1, len(children) // 4):
+        too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
+        if child.role == "coordinator" or too_often:
             raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")
         display.say(f"{why}: it is started again; see {child.log}")
         child.process.kill()

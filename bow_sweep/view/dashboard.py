@@ -6,11 +6,7 @@ takes up what its predecessor recorded: there is one file, and it does not lose 
 
 from __future__ import annotations
 
-import os
 import re
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,9 +19,11 @@ from rclpy.qos import QoSProfile
 from bow_sim import wire
 from bow_sim.authority import Authority
 from bow_sim.neighbours import Neighbour
-from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, live
+from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_after, live
 
 from .account import Node
+from .viewer import Viewer
+from .wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
 
 if TYPE_CHECKING:
     from .show import Show
@@ -41,6 +39,9 @@ gets all that came before; view:=true opens a viewer here.
 """
 
 TICK_S = 0.1
+
+EXIT_S = 3
+"""Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
 
 INSPECT_DEPTH = 500
 """A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""
@@ -62,12 +63,12 @@ class DashboardNode(BowNode):
         self._memory = self._declared("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
-        if self._port and not _is_free(self._port):
-            raise StartupError(f"parameter port = {self._port}: is taken on 127.0.0.1; should be a free one, or 0")
         self._show: Show | None = None
         self._past: Show | None = None  # finished, but still served
         self._over: tuple[str, int] = ("", -1)
         self._early: dict[str, Any] | None = None  # a map that came before its plan
+        self._viewer: Viewer | None = None
+        self._notes: list[str] = []
         self._nodes: dict[str, Node] = {}
         self._authority = Authority(self.works_for)
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
@@ -137,33 +138,51 @@ class DashboardNode(BowNode):
             self._ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
             return
         self._let_go()
-        port = self._port or (_free_port() if self._view else 0)
-        if port and not _is_free(port):
-            self.get_logger().warning(f"port {port} is taken: run {run} is not shown live")
+        notes = []
+        port = self._port or (free_port() if self._view else 0)
+        if port and (problem := port_problem(port)):
+            notes.append(f"run {run} is not shown live: port {port} {problem}")
             port = 0
         try:
             self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
         except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
-        watch = f"watch with: rerun --connect {self._show.board.uri}" if port else ""
-        self.become(Health.BUSY, f"writes {directory / FILE}" + (f"; {watch}" if watch else ""), run)
-        if watch:
-            self.get_logger().info(watch)
+        if port:
+            notes.append(f"watch the map grow with: rerun --connect {self._show.board.uri}")
         if port and self._view:
-            self._open_viewer(self._show.board.uri)
+            notes += self._open_viewer(self._show.board.uri)
+        for note in notes:
+            self.get_logger().info(note)
+        self._notes = notes
+        self._become_busy()
         early, self._early = self._early, None
         if early is not None and early["run_id"] == run:
             self._on_map(early)
 
-    def _open_viewer(self, uri: str) -> None:
-        """Start a viewer; when we go it stays, with what it has received."""
-        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            self.get_logger().warning(f"view: there is no display here; where there is one: rerun --connect {uri}")
+    def _become_busy(self) -> None:
+        """Say what is written, and what a user should know."""
+        assert self._show is not None
+        self.become(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
+
+    def _open_viewer(self, uri: str) -> list[str]:
+        """Start a viewer; return what a user should know."""
+        if not has_display():
+            return [f"{NO_DISPLAY}; where there is one: rerun --connect {uri}"]
+        try:
+            self._viewer = Viewer(uri)
+        except OSError as error:
+            return [f"no viewer: {error}"]
+        return []
+
+    def _look_after_viewer(self) -> None:
+        if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
             return
-        quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-        command = [sys.executable, "-m", "rerun", "--connect", uri]
-        subprocess.Popen(command, start_new_session=True, **quiet)  # Ctrl-C in our terminal is not meant for it
+        self._viewer = None
+        if problem:
+            self.get_logger().warning(problem)
+            self._notes.append(problem)
+            self._become_busy()
 
     def _finish(self, why: str) -> None:
         """Finish the file and say so."""
@@ -216,6 +235,7 @@ class DashboardNode(BowNode):
         )
 
     def _tick(self) -> None:
+        self._look_after_viewer()
         if self._guarded(lambda show: show.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
@@ -236,26 +256,11 @@ class DashboardNode(BowNode):
         self._let_go()
 
 
-def _is_free(port: int) -> bool:
-    """Return whether a server could listen on a port of this machine's loopback."""
-    with socket.socket() as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port in TIME_WAIT will do
-        try:
-            trial.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-    return True
-
-
-def _free_port() -> int:
-    with socket.socket() as trial:
-        trial.bind(("127.0.0.1", 0))
-        return int(trial.getsockname()[1])
-
-
 def main() -> int:
     """Entry point of ``ros2 run bow dashboard``."""
-    return live(DashboardNode, description=HELP)
+    status = live(DashboardNode, description=HELP)
+    end_after(EXIT_S)
+    return status
 
 
 if __name__ == "__main__":

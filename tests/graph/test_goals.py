@@ -88,9 +88,16 @@ def send(client: Client, spec: SweepSpec, feedback: list | None = None) -> objec
 def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
     nodes: Path, client: Client, undisturbed: Path
 ) -> None:
-    for preset, settings in (("nope", []), ("fig11d", ["f_asym=-1"]), ("fig11d", ["x.count=0"])):
+    for preset, settings, reason in (
+        ("nope", [], "preset 'nope'"),
+        ("fig11d", ["f_asym=-1"], "f_asym"),
+        ("fig11d", ["x.count=0"], "x.count = 0"),
+    ):
         refused = send(client, SweepSpec(preset=preset, settings=settings))
-        assert not refused.accepted  # type: ignore[attr-defined]
+        ended = client.until(refused.get_result_async())  # type: ignore[attr-defined]
+        assert ended.status == GoalStatus.STATUS_ABORTED
+        assert reason in ended.result.message, "who sent it is told why"
+        assert ended.result.run_id == ""
 
     feedback: list = []
     goal = send(client, SweepSpec(preset="fig11d", settings=SETTINGS), feedback)
@@ -104,6 +111,7 @@ def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
     result = answer.result  # type: ignore[attr-defined]
     assert (result.cells_planned, result.cells_done, result.cells_quarantined) == (128, 128, 0), result.message
     run = Path(result.directory)
+    assert run.is_absolute()
     assert run == nodes / result.run_id
     verified(run)
     assert_same_map(undisturbed, run)

@@ -16,7 +16,7 @@ from pathlib import Path
 import inotify_simple
 import pytest
 
-from bow_sweep import leftovers
+from bow_sim import leftovers
 from bow_sweep.janitor import NOTE, House, Janitor
 
 SHARED = Path("/dev/shm")
