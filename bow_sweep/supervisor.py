@@ -82,7 +82,8 @@ class Death:
         if self.status == UNKNOWN:
             return "exit status unknown: taken by another part of this process"
         if self.status < 0:
-            return f"killed by {signal.Signals(-self.status).name}"
+            known = {number.value: number.name for number in signal.Signals}
+            return f"killed by {known.get(-self.status, f'signal {-self.status}')}"
         return f"exit status {self.status}"
 
 
