@@ -100,8 +100,11 @@ def _add_run_commands(commands: Any) -> None:
     recover = commands.add_parser(
         "recover",
         help="repair a bag whose writer was killed",
-        description="Keep the complete chunks of every file of a run's bag that was cut off, and write its index anew.",
+        description="Keep what is whole in a run's bag, set aside in files beside it (bag_aside/) what is not, and "
+        "write its index anew; `bow sweep --resume` does this by itself. Prints JSON. "
+        "Exit status 0 if nothing damaged is left.",
     )
+    recover.add_argument("--dry-run", action="store_true", help="say what would be done, change nothing")
     recover.set_defaults(run=_recover)
     for parser in (verify, replay, recover):
         parser.add_argument("directory", metavar="RUN", type=Path, help="run directory")
@@ -141,7 +144,7 @@ def _recover(args: argparse.Namespace) -> int:
     from .record.recover import recover
 
     try:
-        result = recover(args.directory)
+        result = recover(args.directory, dry_run=args.dry_run)
     except (OSError, ValueError) as error:
         return fail(str(error))
     print(json.dumps(result, indent=2))

@@ -22,10 +22,24 @@ from bow_sim.ros import CONSUMERS, HEARD, LATCHED, STREAM, BowNode, StartupError
 
 from . import announce
 from .basin import Basin
-from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
+from .ledger import (
+    ConsumerRestarted,
+    Dispatch,
+    Event,
+    Grown,
+    Judged,
+    NewEpoch,
+    OnDisk,
+    Receipted,
+    Record,
+    Settled,
+    State,
+    Tick,
+)
 from .plan import Sweep
 from .pool import Pool
-from .results import load_basin, playability_of, prepare, write_results
+from .results import basin_of, playability_of, prepare, write_results
+from .resume import resume
 from .run import Run, RunError
 
 HELP = """
@@ -72,6 +86,8 @@ class CoordinatorNode(BowNode):
         self._once = self.declare_parameter("once", False, once).value
         shown = ParameterDescriptor(description="a dashboard was started: end a run only when it has drawn it")
         self._shown = self.declare_parameter("dashboard", False, shown).value
+        locks = ParameterDescriptor(description="lock run directories; false: not", read_only=True)
+        self._locks = self.declare_parameter("lock", True, locks).value
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._run: Run | None = None
         self._goal: Any = None
@@ -104,7 +120,7 @@ class CoordinatorNode(BowNode):
         self.create_timer(TICK_S, self._tick)
         try:
             if text["resume"]:
-                self._begin(Run.resume(Path(text["resume"])))
+                self._begin(*resume(Path(text["resume"]), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 self._begin(self._create(Sweep.from_spec(text["preset"], [s for s in settings if s])))
             else:
@@ -118,16 +134,16 @@ class CoordinatorNode(BowNode):
     def _create(self, sweep: Sweep) -> Run:
         identity, self._run_id = self._run_id or random_id(), ""
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
-        return Run.create(directory, identity, sweep)
+        return Run.create(directory, identity, sweep, self._locks)
 
-    def _begin(self, run: Run) -> None:
+    def _begin(self, run: Run, recorded: dict[str, np.ndarray] | None = None) -> None:
         self._run, self._closing = run, False
         self._ready = set()
         self._pool.begin()
         sweep = run.sweep
         self._basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-        if run.ledger.epoch > 1:
-            self._basin = load_basin(run.directory, sweep)
+        if recorded is not None:
+            self._basin = basin_of(recorded, sweep)
         self._spec = announce.spec_message(run)
         self._began = time.monotonic()
         self._done_before = run.cells_in(State.DONE)
@@ -233,7 +249,10 @@ class CoordinatorNode(BowNode):
         if not self._mine(receipt) or len({len(column) for column in columns}) != 1:
             return
         for kind, block, chunk, checksum in zip(*columns, strict=True):
-            self._handle(Receipted(block, chunk, checksum, kind == wire.RECEIPT_VERDICTS))
+            if kind == wire.RECEIPT_BLOCK:
+                self._handle(OnDisk(block))
+            else:
+                self._handle(Receipted(block, chunk, checksum, kind == wire.RECEIPT_VERDICTS))
         self.health.messages += len(columns[0])
 
     def _on_verdicts(self, data: bytes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,11 +57,15 @@ def load_basin(directory: Path, sweep: Sweep) -> Basin:
     from .record.bag import BagError
     from .record.replay import load_verdicts
 
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
     try:
-        layers = load_verdicts(directory)
+        return basin_of(load_verdicts(directory), sweep)
     except BagError:  # killed before anything was recorded
-        return basin
+        return Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+
+
+def basin_of(layers: Mapping[str, np.ndarray], sweep: Sweep) -> Basin:
+    """Return the map that recorded verdicts give, as :func:`.record.replay.load_verdicts` returns them."""
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
     for test in range(sweep.chunks):
         cells = np.flatnonzero(layers["tested"][test])
         basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})
