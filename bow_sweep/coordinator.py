@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -162,7 +164,8 @@ class CoordinatorNode(BowNode):
         assert run is not None
         wall = time.monotonic() - self._began
         this_time = run.cells_in(State.DONE) - self._done_before
-        report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": self._playability})
+        with _results_in(run.directory):
+            report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": self._playability})
         cells = report["cells"]
         message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
         if self._goal is not None:
@@ -331,7 +334,8 @@ class CoordinatorNode(BowNode):
         self._publish_plan(Plan.CLOSED)
         self.become(Health.BUSY, "drawing the map, while the bag is closed")
         self._playability = playability_of(self._run, self._basin)
-        write_results(self._run, self._basin)
+        with _results_in(self._run.directory):
+            write_results(self._run, self._basin)
         self.become(Health.BUSY, "waiting for the bag to close")
 
     # ---- five times a second
@@ -406,6 +410,16 @@ class CoordinatorNode(BowNode):
     def _publish_diagnostics(self) -> None:
         nodes = [*self._nodes.values(), self.health]
         self._diagnostics.publish(announce.diagnostics_message(nodes, self.get_clock().now().to_msg()))
+
+
+@contextmanager
+def _results_in(directory: Path) -> Iterator[None]:
+    """End this node with a message for people where results cannot be written: a full disk, say."""
+    try:
+        yield
+    except OSError as error:
+        what = f"{error.filename or directory}: {error.strerror or error}"
+        raise StartupError(f"{what}; every block is done and in the bag: make room, then resume {directory}") from None
 
 
 def main() -> int:

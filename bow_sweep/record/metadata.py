@@ -24,6 +24,9 @@ ROOT = "rosbag2_bagfile_information"
 NESTED_QOS = 9
 """From this version on QoS profiles are YAML; before, they are a text that holds YAML."""
 
+HASHED = 9
+"""From this version on every topic has the hash of its type."""
+
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -198,7 +201,7 @@ def differences(info: Mapping[str, Any], files: Sequence[FileInfo]) -> list[str]
         its, should = given.get(name), right.get(name)
         if its == should or (its is None and (name in _OPTIONAL or name.startswith(_HASH))):
             continue
-        empty = name.startswith("topic ") and (its or should or (0,))[-1] == 0
+        empty = name.startswith("topic ") and None in (its, should) and (its or should or (0,))[-1] == 0
         if not empty:  # tools leave out topics without messages
             out.append(f"{name} is {its!r}, the files make it {should!r}")
     return out
@@ -241,7 +244,8 @@ def _meaning(info: Mapping[str, Any]) -> dict[str, Any]:
             [_plain(profile) for profile in qos],
             topic["message_count"],
         )
-        out[f"{_HASH} of {said['name']}"] = said.get(_HASH) or None
+        if _HASH in said or version >= HASHED:
+            out[f"{_HASH} of {said['name']}"] = said.get(_HASH) or ""
     files = [_file(file) for file in info.get("files") or []]
     out["files"] = sorted(files) or None
     return out

@@ -1,7 +1,7 @@
 """A whole sweep in this process, without DDS: ledger, recorder and classifier as they are, simulators from a table.
 
-It writes what `bow sweep` writes, goes on where it was cut off, and can be stopped after any chunk. Snapshots of all its
-files are what a copy would have caught at that moment.
+It writes what `bow sweep` writes, goes on where it was cut off, and can be stopped after any chunk. Snapshots of all
+its files are what a copy would have caught at that moment.
 """
 
 from __future__ import annotations
