@@ -20,7 +20,6 @@ from mcap.stream_reader import StreamReader
 from bow_sim import wire
 
 from .bag import BagMessage, label
-from .gaps import noted_in
 from .mcapfile import CHUNK_HEAD, FOOTER_SIZE, MAGIC, MESSAGE_HEAD, Contents
 from .metadata import FileInfo
 from .records import PARSE_ERRORS, Message
@@ -48,7 +47,7 @@ class IndexSurvey(Survey):
             for message in _messages(descriptor, scan.contents):
                 self._take(label(scan.contents.channels[message.channel].topic, message, scan.path))
                 yield message
-            self.noted += noted_in(notes)
+            self._take_notes(notes)
         except PARSE_ERRORS as error:
             self.problem(f"its index cannot be used: {error}", file=scan.path.name)
         finally:

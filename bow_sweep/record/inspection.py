@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from .bag import BagError, bag_files
-from .gaps import Range
 from .mcapfile import COVER, MAGIC
+from .notes import Range
 from .records import Damage
 from .scan import Scan
 from .survey import Survey

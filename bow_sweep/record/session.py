@@ -21,9 +21,9 @@ from bow_sim.model import ParameterError
 from .bag import FOLDER, BagError, BagWriter
 from .disk import DiskSync
 from .expected import CLOSED, Expected
-from .gaps import note
 from .inspection import Inspection
 from .inventory import Answer, Inventory
+from .notes import HOW, note
 from .recover import locked, repair
 from .topics import STORED_ONCE, TOPICS, Topic
 
@@ -103,7 +103,7 @@ class Session:
                 raise AlreadyClosedError(f"{directory / FOLDER} is closed")
             self._restore(found, sync)
             topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
-            notes = [note(found.missing, _why(self.report))] if found.missing else []
+            notes = [HOW, *([note(found.missing, _why(self.report))] if found.missing else [])]
             files, last = found.survey.files, found.survey.last or 0
             self.bag = BagWriter(directory / FOLDER, topics, files, last, notes)
             stack.callback(self.bag.abandon)

@@ -11,14 +11,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mcap.records import Metadata
 
 from bow_sim import wire
 from bow_sim.model import ParameterError
 
 from .bag import METADATA, BagError, BagMessage, bag_files, label
 from .expected import Expected
-from .gaps import Range, noted_in, outside
 from .metadata import FileInfo, MetadataError, differences, parse
+from .notes import Range, noted_in, outside, version_in
 from .records import Message
 from .scan import Scan
 from .topics import STORED_ONCE, TOPICS, short_name
@@ -87,6 +88,8 @@ class Survey:
         Numbers of the first and the last message.
     gaps, noted
         Numbers of the messages that are missing in between, and those that a file says are missing.
+    version
+        How the files say they are written, see :data:`.notes.HOW`.
     """
 
     def __init__(self, directory: Path, expected: Expected | None = None, last: int | None = 0) -> None:
@@ -107,6 +110,7 @@ class Survey:
         self.last = last
         self.gaps: list[tuple[Range, str]] = []
         self.noted: list[Range] = []
+        self.version = 1
 
     def problem(self, what: str, **where: Any) -> None:
         """Note something that does not hold."""
@@ -146,9 +150,13 @@ class Survey:
         for message in scan.messages():
             self._take(label(scan.contents.channels[message.channel].topic, message, scan.path))
             yield message
-        self.noted += noted_in(scan.notes)
+        self._take_notes(scan.notes)
         self._check_types(scan)
         self.files.append(FileInfo.of(scan.path.name, scan.contents))
+
+    def _take_notes(self, notes: Iterable[Metadata]) -> None:
+        self.version = max(self.version, version_in(notes))
+        self.noted += noted_in(notes)
 
     def merge(self, other: Survey) -> None:
         """Take in what another survey found in the files after these."""
@@ -167,6 +175,7 @@ class Survey:
             self.last = other.last
         self.gaps += other.gaps
         self.noted += other.noted
+        self.version = max(self.version, other.version)
         self.files += other.files
         self.messages += other.messages
 

@@ -23,6 +23,9 @@ from .index_survey import IndexSurvey
 from .replay import differing, rejudge, task_of
 from .survey import Chunks, Key, Progress, Survey
 
+RECEIPTS_BLOCKS = 2
+"""Version of the record from which on a block is receipted as a whole."""
+
 SCAN_SHARE = 0.4
 """Part of the work that is reading the bag; judging is the rest."""
 
@@ -176,7 +179,7 @@ class _Accounts:
             lost = bool(survey.noted) and block < self.expected.blocks and self.states[block] != DONE
             if not (there.get(kind) or lost):
                 self.problem(f"{_KINDS.get(kind, kind)} receipted, not stored", block=block, chunk=chunk)
-        if any(kind == RECEIPT_BLOCK for kind, _, _ in survey.receipts):  # bags of old have none
+        if survey.version >= RECEIPTS_BLOCKS:
             for block in np.flatnonzero(self.complete).tolist():
                 if (RECEIPT_BLOCK, block, 0) not in survey.receipts:
                     self.problem("nothing says that it came to the disk", block=block)

@@ -1,4 +1,7 @@
-"""Messages that are missing from a bag, by their numbers: found, and noted where the run goes on without them."""
+"""What our files say of themselves in MCAP metadata records: how they are written, and which messages are missing.
+
+Messages are missing, by their numbers, where a run goes on although a file of its bag was lost or damaged.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,9 @@ from mcap.records import Metadata
 NAME = "bow.missing"
 """Of the metadata record that says which messages before its file are missing, and why."""
 
+HOW = Metadata("bow.record", {"version": "2"})
+"""Stands in every file. Version 2: every block that is whole is receipted as on the disk. Files of old lack it."""
+
 Range = tuple[int, int]
 """Numbers of the first and the last message of some."""
 
@@ -19,6 +25,12 @@ _RANGES = re.compile(r"\d{1,10}-\d{1,10}(,\d{1,10}-\d{1,10})*")
 def note(missing: Sequence[Range], why: str) -> Metadata:
     """Return the record that notes missing messages."""
     return Metadata(NAME, {"messages": ",".join(f"{start}-{end}" for start, end in missing), "why": why})
+
+
+def version_in(records: Iterable[Metadata]) -> int:
+    """Return how a file says that it is written; 1 where it says nothing."""
+    said = [record.metadata.get("version", "") for record in records if record.name == HOW.name]
+    return max([1, *(int(text) for text in said if re.fullmatch(r"\d{1,4}", text))])
 
 
 def noted_in(records: Iterable[Metadata]) -> list[Range]:
