@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,24 +21,10 @@ from bow_sim.model import ParameterError
 from bow_sim.ros import CONSUMERS, HEARD, LATCHED, STREAM, BowNode, StartupError, live, publishes
 
 from . import announce
-from .basin import Basin
-from .ledger import (
-    ConsumerRestarted,
-    Dispatch,
-    Event,
-    Grown,
-    Judged,
-    NewEpoch,
-    OnDisk,
-    Receipted,
-    Record,
-    Settled,
-    State,
-    Tick,
-)
+from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Record, Settled, State, Tick, receipted
 from .plan import Sweep
 from .pool import Pool
-from .results import basin_of, playability_of, prepare, write_results
+from .results import basin_of, playability_of, prepare, write_results, writing
 from .resume import resume
 from .run import Run, RunError
 
@@ -88,8 +72,8 @@ class CoordinatorNode(BowNode):
         self._once = self.declare_parameter("once", False, once).value
         shown = ParameterDescriptor(description="a dashboard was started: end a run only when it has drawn it")
         self._shown = self.declare_parameter("dashboard", False, shown).value
-        locks = ParameterDescriptor(description="lock run directories; false: not", read_only=True)
-        self._locks = self.declare_parameter("lock", True, locks).value
+        lock = ParameterDescriptor(description="lock run directories", read_only=True)
+        self._locks = self.declare_parameter("lock", True, lock).value
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._run: Run | None = None
         self._goal: Any = None
@@ -143,9 +127,7 @@ class CoordinatorNode(BowNode):
         self._ready = set()
         self._pool.begin()
         sweep = run.sweep
-        self._basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-        if recorded is not None:
-            self._basin = basin_of(recorded, sweep)
+        self._basin = basin_of(recorded or {}, sweep)
         self._spec = announce.spec_message(run)
         self._began = time.monotonic()
         self._done_before = run.cells_in(State.DONE)
@@ -164,7 +146,7 @@ class CoordinatorNode(BowNode):
         assert run is not None
         wall = time.monotonic() - self._began
         this_time = run.cells_in(State.DONE) - self._done_before
-        with _results_in(run.directory):
+        with writing(run.directory, StartupError):
             report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": self._playability})
         cells = report["cells"]
         message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
@@ -252,10 +234,7 @@ class CoordinatorNode(BowNode):
         if not self._mine(receipt) or len({len(column) for column in columns}) != 1:
             return
         for kind, block, chunk, checksum in zip(*columns, strict=True):
-            if kind == wire.RECEIPT_BLOCK:
-                self._handle(OnDisk(block))
-            else:
-                self._handle(Receipted(block, chunk, checksum, kind == wire.RECEIPT_VERDICTS))
+            self._handle(receipted(kind, block, chunk, checksum))
         self.health.messages += len(columns[0])
 
     def _on_verdicts(self, data: bytes) -> None:
@@ -334,7 +313,7 @@ class CoordinatorNode(BowNode):
         self._publish_plan(Plan.CLOSED)
         self.become(Health.BUSY, "drawing the map, while the bag is closed")
         self._playability = playability_of(self._run, self._basin)
-        with _results_in(self._run.directory):
+        with writing(self._run.directory, StartupError):
             write_results(self._run, self._basin)
         self.become(Health.BUSY, "waiting for the bag to close")
 
@@ -410,16 +389,6 @@ class CoordinatorNode(BowNode):
     def _publish_diagnostics(self) -> None:
         nodes = [*self._nodes.values(), self.health]
         self._diagnostics.publish(announce.diagnostics_message(nodes, self.get_clock().now().to_msg()))
-
-
-@contextmanager
-def _results_in(directory: Path) -> Iterator[None]:
-    """End this node with a message for people where results cannot be written: a full disk, say."""
-    try:
-        yield
-    except OSError as error:
-        what = f"{error.filename or directory}: {error.strerror or error}"
-        raise StartupError(f"{what}; every block is done and in the bag: make room, then resume {directory}") from None
 
 
 def main() -> int:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,16 @@ def write_results(run: Run, basin: Basin) -> None:
     draw_map(result, run.directory / PICTURE)
 
 
+@contextmanager
+def writing(directory: Path, kind: type[Exception]) -> Iterator[None]:
+    """Raise an exception of a `kind`, with a message for people, where results cannot be written: a full disk, say."""
+    try:
+        yield
+    except OSError as error:
+        what = f"{error.filename or directory}: {error.strerror or error}"
+        raise kind(f"{what}; every block is done and in the bag: make room, then resume {directory}") from None
+
+
 def load_basin(directory: Path, sweep: Sweep) -> Basin:
     """Return the map that the verdicts in a run's bag give, for a run that goes on."""
     from .record.bag import BagError
@@ -64,9 +75,9 @@ def load_basin(directory: Path, sweep: Sweep) -> Basin:
 
 
 def basin_of(layers: Mapping[str, np.ndarray], sweep: Sweep) -> Basin:
-    """Return the map that recorded verdicts give, as :func:`.record.replay.load_verdicts` returns them."""
+    """Return the map that recorded verdicts give, as :func:`.record.replay.load_verdicts` returns them; or {}: none."""
     basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-    for test in range(sweep.chunks):
+    for test in range(sweep.chunks if layers else 0):
         cells = np.flatnonzero(layers["tested"][test])
         basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})
     return basin

@@ -255,7 +255,7 @@ def test_a_directory_of_another_run_is_refused(tmp_path, recorded):
 def test_a_damaged_bag_is_mended_and_continued_and_lacks_only_what_was_damaged(run):
     path = bag_files(run / "bag")[0]
     content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
+    content[[m.offset for m in messages(run / "bag") if m.topic == "stick_slip"][5] + 50] ^= 1
     path.write_bytes(content)
     before = len(list(recording.everything(SWEEP)))
     again = recording.session(run, SWEEP, epoch=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import shutil
@@ -181,7 +182,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("befallen")
 
 
-@settings(SETTINGS, max_examples=60)
+@settings(SETTINGS, max_examples=40)
 @given(
     name=st.sampled_from(["plain", "plain", "adaptive"]),
     state=places | st.just(LAST),
@@ -253,7 +254,7 @@ def test_torn_lines_of_the_ledger_are_set_aside_and_never_overwritten(histories,
         path.write_bytes(path.read_bytes() + tail)
         torn.append(path.read_bytes())
         prepare(directory)
-        assert tail.strip(b"\n") not in path.read_bytes()
+        assert all(json.loads(line) for line in path.read_bytes().splitlines())
     names = ["ledger.jsonl.torn", "ledger.jsonl.torn.1", "ledger.jsonl.torn.2"]
     assert [(directory / name).read_bytes() for name in names] == torn
 
