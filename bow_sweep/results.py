@@ -14,10 +14,20 @@ from bow_classifier.playability import playability
 
 from .basin import Basin
 from .plan import Sweep
-from .run import Run
+from .run import MAP, PICTURE, Run
 from .view.maps import MapFile, draw_map, write_map_npz
 
-MAP, PICTURE = "map.npz", "map.png"
+__all__ = [
+    "MAP",
+    "PICTURE",
+    "basin_of",
+    "load_basin",
+    "map_of",
+    "playability_of",
+    "prepare",
+    "write_results",
+    "writing",
+]
 
 
 def map_of(run: Run, basin: Basin) -> MapFile:

@@ -7,6 +7,7 @@ whatever that takes out of them is set aside in files beside.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,15 +20,14 @@ import numpy as np
 from bow_sim.blocks import Blocks
 from bow_sim.model import ParameterError
 
-from .ledger_file import LEDGER, LedgerError, Reading, read_leniently, set_ledger_aside, write_ledger
+from .ledger_file import LEDGER, Reading, read_leniently, set_ledger_aside, write_ledger
 from .plan import Sweep
 from .record.bag import FOLDER, BagError
 from .record.expected import QUARANTINED
 from .record.inspection import Identity
 from .record.recover import LockedError, locked, repair
 from .record.survey import Survey
-from .results import MAP, PICTURE
-from .run import REPORT, Run, RunError, blocks_of, lock, planned, round_entry, sweep_of
+from .run import MAP, PICTURE, REPORT, Run, RunError, blocks_of, digest, lock, planned, round_entry, sweep_of
 
 Say = Callable[[str], None]
 """Takes a line for people."""
@@ -329,28 +329,14 @@ def _agrees(directory: Path, survey: Survey, say: Say) -> bool:
     if not problems:
         result = account(survey, directory, judge=False)
         problems = [f"{problem.get('file', FOLDER)}: {problem['what']}" for problem in result["problems"]]
-    if not problems and not _is_png(directory / PICTURE):
-        problems = [f"{PICTURE}: is damaged"]
+    if not problems and not _is_its_picture(directory):
+        problems = [f"{PICTURE}: is damaged, or of another map"]
     if problems:
         say(f"to be finished again: {problems[0]}" + (f", and {len(problems) - 1} more" if problems[1:] else ""))
     return not problems
 
 
-def _is_png(path: Path) -> bool:
-    """Whether a picture is all there, its chunks whole."""
-    import zlib
-
-    data = path.read_bytes()
-    at = 8
-    while data.startswith(b"\x89PNG\r\n\x1a\n") and at + 12 <= len(data):
-        length = int.from_bytes(data[at : at + 4], "big")
-        end = at + 12 + length
-        if int.from_bytes(data[end - 4 : end], "big") != zlib.crc32(data[at + 4 : end - 4]):
-            return False
-        if data[at + 4 : at + 8] == b"IEND":
-            return end == len(data)
-        at = end
-    return False
-
-
-__all__ = ["LedgerError", "Prepared", "prepare", "resume"]
+def _is_its_picture(directory: Path) -> bool:
+    """Whether the picture is the one that the report was written with; reports of old do not say."""
+    right = json.loads((directory / REPORT).read_bytes()).get("picture")
+    return right is None or right == digest(directory / PICTURE)

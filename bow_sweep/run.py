@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xxhash
 
 from bow_classifier.regimes import REGIMES
 from bow_sim.blocks import Blocks
@@ -28,7 +29,7 @@ from .ledger_file import LEDGER, LedgerError, set_ledger_aside
 from .locks import HeldError, take
 from .plan import Sweep
 
-REPORT = "report.json"
+REPORT, MAP, PICTURE = "report.json", "map.npz", "map.png"
 VERSIONS_OF = (
     "bow",
     "numpy",
@@ -207,6 +208,7 @@ class Run:
             "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
             "versions": _versions(),
             "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
+            "picture": digest(self.directory / PICTURE),
             **extra,
         }
         with replacing(self.directory / REPORT) as file:
@@ -218,6 +220,11 @@ class Run:
         self._file.close()
         if self._lock >= 0:
             os.close(self._lock)
+
+
+def digest(path: Path) -> str | None:
+    """Return the XXH3-64 of a file, 16 hexadecimal digits; None where there is none."""
+    return xxhash.xxh3_64_hexdigest(path.read_bytes()) if path.is_file() else None
 
 
 def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, Any]:

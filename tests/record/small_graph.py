@@ -83,6 +83,7 @@ class SmallGraph:
         else:
             self.of = Run.create(directory, recording.RUN, sweep)
         self.session: Session | None = None
+        self.session_survives = False
         self.sync = sync
         self.classifier = Classifier("c" * 16)
         self.out: list[Dispatch] = []
@@ -105,7 +106,8 @@ class SmallGraph:
             self._conclude()
         except Cut:
             assert self.session is not None
-            self.session.abandon()
+            if not self.session_survives:
+                self.session.abandon()
         finally:
             self.of.close()
 

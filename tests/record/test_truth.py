@@ -7,6 +7,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,11 @@ import pytest
 import recording
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from small_graph import SmallGraph, Snapshot, restore, snapshot
+from small_graph import PIXEL, SmallGraph, Snapshot, restore, snapshot
 
+from bow_sweep.ledger import State
 from bow_sweep.record.verify import verify
-from bow_sweep.resume import prepare
+from bow_sweep.resume import prepare, resume
 from bow_sweep.run import RunError
 
 PLAIN = recording.small_sweep()
@@ -280,3 +282,36 @@ def test_a_block_that_was_given_up_stays_so_whatever_the_bag_has(histories, room
     gone_on_with(directory, PLAIN)
     result = verify(directory)
     assert (result["ok"], result["quarantined_blocks"]) == (True, [2])
+
+
+def test_while_a_recorder_is_at_work_its_bag_is_read_and_not_touched(room) -> None:
+    """Its coordinator was started again: what is whole in the bag is done, what is being written is left to be."""
+    directory = room / "live"
+    graph = SmallGraph(directory, PLAIN, cut_after=9)
+    graph.session_survives = True
+    graph.run()
+    session = graph.session
+    assert session is not None
+    before = snapshot(directory)
+    said: list[str] = []
+    run, recorded = resume(directory, said.append)
+    assert {name: content for name, content in snapshot(directory).items() if name.startswith("bag/")} == {
+        name: content for name, content in before.items() if name.startswith("bag/")
+    }
+    assert recorded is not None
+    assert run.cells_in(State.DONE) == 10
+    run.close()
+    session.abandon()
+
+
+def test_a_picture_of_another_map_is_drawn_again(histories, room) -> None:
+    of = histories["plain"]
+    directory = befallen(room / "run", of, LAST, [])
+    other = PIXEL[:-12] + b"\0\0\0\0tEXt" + zlib.crc32(b"tEXt").to_bytes(4, "big") + PIXEL[-12:]
+    assert prepare(directory).complete
+    for changed in (other, PIXEL[:-1], b""):
+        (directory / "map.png").write_bytes(changed)
+        said: list[str] = []
+        assert not prepare(directory, said.append).complete
+        assert "map.png" in said[-1]
+        assert_goes_on(directory, of)
