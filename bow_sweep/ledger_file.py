@@ -55,7 +55,7 @@ def check_entry(entry: Any) -> None:
     for name, value in entry.items():
         if name in _TEXTS and not isinstance(value, str):
             raise ValueError(f"{name} = {value!r}: should be text")
-        if name in _NUMBERS and (type(value) is not int or not 0 <= value < 1 << 32):
+        if name in _NUMBERS and (type(value) is not int or not 0 <= value < 1 << 31):
             raise ValueError(f"{name} = {value!r}: should be a number from 0 on")
         if name in _IDENTIFIERS and not _IDENTIFIER.fullmatch(value):
             raise ValueError(f"{name} = {value!r}: should be 16 hexadecimal digits")

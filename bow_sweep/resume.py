@@ -129,7 +129,7 @@ def _bag(directory: Path, reading: Reading, say: Say, locks: bool) -> Survey:
     try:
         try:
             with locked(directory, locks):
-                report, found = repair(bag, identity)
+                report, found = repair(bag, identity, resuming=True)
                 _sync(bag)
         except LockedError:  # the recorder of a graph whose coordinator was started again
             survey = Survey(bag).read()

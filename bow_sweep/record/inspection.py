@@ -79,13 +79,15 @@ class Inspection:
         return self.survey.missing()
 
 
-def inspect(directory: Path, identity: Identity | None = None) -> Inspection:
+def inspect(directory: Path, identity: Identity | None = None, resuming: bool = False) -> Inspection:
     """Read all files of a bag and say what is to be done with each; changes nothing.
 
     Parameters
     ----------
     identity
         Run and sweep that the bag belongs to, where it is known.
+    resuming
+        The run goes on: what others wrote has to be good for that too, or is set aside.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def inspect(directory: Path, identity: Identity | None = None) -> Inspection:
         found.parts.append(part)
         right = identity or next((p.identity for p in found.parts if p.identity), None)
         if part.identity in (None, right):
-            _judge(part, found.survey, identity is not None)
+            _judge(part, found.survey, resuming)
         else:
             part.was, part.action, part.why = "misplaced", ASIDE, "is of run {}, sweep {}".format(*part.identity)
         if part.action in (KEEP, MEND):
@@ -115,8 +117,8 @@ def _read(path: Path, before: Survey) -> Part:
     return Part(scan, survey)
 
 
-def _judge(part: Part, before: Survey, known: bool) -> None:
-    """Say what is to be done with a file; `known`: it should be of our run, whoever wrote it."""
+def _judge(part: Part, before: Survey, resuming: bool) -> None:
+    """Say what is to be done with a file."""
     scan = part.scan
     last = max((chunk.chunk_start_offset + chunk.chunk_length for chunk in scan.contents.chunks), default=0)
     ends = [damage.kind == "end" or (damage.kind == "index" and damage.start >= last) for damage in scan.damage]
@@ -127,12 +129,13 @@ def _judge(part: Part, before: Survey, known: bool) -> None:
         part.action = KEEP if scan.whole else MEND
     elif scan.ours and all(_can_be_mended(scan, damage) for damage in scan.damage):
         part.action = MEND
-    elif scan.ours or known or _has_no_head(scan):
+    elif scan.ours or resuming or _has_no_head(scan):
         part.action, part.why = ASIDE, f"cannot be mended: {scan.damage[0].what}"
     else:
         part.action, part.why = REFUSE, "is not of bow, and damaged within: it is left as it is"
-    if part.action in (KEEP, MEND) and (scan.ours or known):
-        why = _misplaced(part.survey, before)
+    if part.action in (KEEP, MEND) and (scan.ours or resuming):
+        packed = any(chunk.compression for chunk in scan.contents.chunks)
+        why = "is compressed, which bow does not read" if packed else _misplaced(part.survey, before)
         if why:
             part.was, part.action, part.why = "misplaced", ASIDE, why
 

@@ -119,7 +119,7 @@ def _overwrite(scan: Scan, parts: list[tuple[int, int, bytes]]) -> None:
 
 
 def repair(
-    directory: Path, identity: Identity | None = None, dry_run: bool = False
+    directory: Path, identity: Identity | None = None, dry_run: bool = False, resuming: bool = False
 ) -> tuple[dict[str, Any], Inspection]:
     """Repair the files of a bag; see :func:`recover`.
 
@@ -131,6 +131,8 @@ def repair(
         Run and sweep that it belongs to, where that is known: then no file of others stays in it.
     dry_run
         Say what would be done, change nothing.
+    resuming
+        Set aside also what others wrote where the run cannot go on with it.
 
     Returns
     -------
@@ -146,7 +148,7 @@ def repair(
     """
     reports: dict[str, dict[str, Any]] = {}
     for _ in range(ROUNDS):
-        found = inspect(directory, identity)
+        found = inspect(directory, identity, resuming)
         failed = [part for part in found.parts if not _carry_out(part, reports, dry_run)]
         if not failed:
             break
@@ -241,9 +243,8 @@ def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> di
 
 def identity_of(run_directory: Path) -> Identity | None:
     """Return run and sweep as the ledger beside a bag has them; None where none tells."""
-    entries = read_leniently(run_directory).entries
-    plan = entries[0] if entries and entries[0]["event"] == "planned" else None
-    return (plan["run_id"], plan["sweep_id"]) if plan else None
+    reading = read_leniently(run_directory)
+    return (reading.entries[0]["run_id"], reading.entries[0]["sweep_id"]) if reading.planned else None
 
 
 __all__ = ["FileInfo", "LockedError", "locked", "recover", "repair"]

@@ -97,7 +97,8 @@ class Session:
             directory.mkdir(parents=True, exist_ok=True)
             sync_directory(directory.parent)
             stack.enter_context(locked(directory, lock))
-            self.report, found = repair(directory / FOLDER, (self.expected.run_id, self.expected.sweep_id))
+            identity = self.expected.run_id, self.expected.sweep_id
+            self.report, found = repair(directory / FOLDER, identity, resuming=True)
             self.last_plan = found.survey.plan
             if self.closed and (plan["state"], plan["epoch"]) == (CLOSED, self.last_plan["epoch"]):
                 raise AlreadyClosedError(f"{directory / FOLDER} is closed")

@@ -17,9 +17,14 @@ import pytest
 import recording
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from mcap.writer import CompressionType, Writer
 from small_graph import PIXEL, SmallGraph, Snapshot, restore, snapshot
 
 from bow_sweep.ledger import State
+from bow_sweep.record.bag import BagError
+from bow_sweep.record.recover import recover
+from bow_sweep.record.replay import replay
+from bow_sweep.record.scan import Scan
 from bow_sweep.record.verify import verify
 from bow_sweep.resume import prepare, resume
 from bow_sweep.run import RunError
@@ -315,3 +320,38 @@ def test_a_picture_of_another_map_is_drawn_again(histories, room) -> None:
         assert not prepare(directory, said.append).complete
         assert "map.png" in said[-1]
         assert_goes_on(directory, of)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_bag_that_went_through_another_tool_is_not_touched_by_recover_and_not_in_the_way(
+    histories, room, compression
+) -> None:
+    of = histories["plain"]
+    directory = befallen(room / "run", of, LAST, [])
+    path = directory / "bag" / "bag_0.mcap"
+    rewrite(path, compression)
+    content = path.read_bytes()
+    report = recover(directory)
+    assert (report["ok"], report["files"][0]["did"]) == (True, "keep")
+    assert path.read_bytes() == content
+    if compression is not CompressionType.NONE:
+        with pytest.raises(BagError, match="is compressed"):
+            replay(directory)
+    assert_goes_on(directory, of)
+
+
+def rewrite(path: Path, compression: CompressionType) -> None:
+    """Write a file of a bag as other tools do: no CRCs, another library, chunks of another size."""
+    scan = Scan(path)
+    messages = list(scan.messages())
+    with open(path, "wb") as file:
+        writer = Writer(file, chunk_size=50_000, compression=compression, enable_crcs=False)
+        writer.start("ros2", "rosbag2")
+        schemas = {n: writer.register_schema(s.name, s.encoding, s.data) for n, s in scan.contents.schemas.items()}
+        channels = {
+            n: writer.register_channel(c.topic, c.message_encoding, schemas[c.schema_id], c.metadata)
+            for n, c in scan.contents.channels.items()
+        }
+        for m in messages:
+            writer.add_message(channels[m.channel], m.log_time, bytes(m.data), m.publish_time, m.sequence)
+        writer.finish()
