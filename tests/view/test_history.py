@@ -5,11 +5,12 @@ import pytest
 import read_rrd
 from example_maps import HELMHOLTZ, SLIP, map_file
 
-from bow_sweep.view.history import SUMMARY, write_history
-from bow_sweep.view.maps import MapFileError
+from bow_sweep.view.history import SUMMARY, main, write_history
+from bow_sweep.view.maps import MapFileError, write_map_npz
 
 
-def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
+def with_history():
+    """Return the regimes of three tests, and a map that keeps them."""
     regimes = np.full((3, 4, 8), SLIP, np.uint8)
     regimes[1, 3, 0] = HELMHOLTZ  # upper left; it regresses
     plane = replace(
@@ -18,6 +19,11 @@ def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
         helmholtz=regimes == HELMHOLTZ,
         confidence=np.full((3, 4, 8), 0.5, np.float32),
     )
+    return regimes, plane
+
+
+def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
+    regimes, plane = with_history()
     path = tmp_path / "history.rrd"
     write_history(path, plane)
     assert not read_rrd.verify(path)
@@ -33,3 +39,11 @@ def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
 def test_a_map_that_kept_no_history_has_none_to_show(tmp_path):
     with pytest.raises(MapFileError, match="keeps no regime of each test"):
         write_history(tmp_path / "history.rrd", map_file())
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    write_map_npz(tmp_path / "map.npz", with_history()[1])
+    (tmp_path / "history.rrd").mkdir()
+    monkeypatch.setattr("sys.argv", ["history", str(tmp_path)])
+    with pytest.raises(SystemExit, match=r"history.rrd: cannot be written"):
+        main()
