@@ -105,6 +105,7 @@ def _add_run_commands(commands: Any) -> None:
         "Exit status 0 if nothing damaged is left.",
     )
     recover.add_argument("--dry-run", action="store_true", help="say what would be done, change nothing")
+    recover.add_argument("--no-lock", action="store_true", help="where the file system has no locks")
     recover.set_defaults(run=_recover)
     for parser in (verify, replay, recover):
         parser.add_argument("directory", metavar="RUN", type=Path, help="run directory")
@@ -144,7 +145,7 @@ def _recover(args: argparse.Namespace) -> int:
     from .record.recover import recover
 
     try:
-        result = recover(args.directory, dry_run=args.dry_run)
+        result = recover(args.directory, dry_run=args.dry_run, lock=not args.no_lock)
     except (OSError, ValueError) as error:
         return fail(str(error))
     print(json.dumps(result, indent=2))

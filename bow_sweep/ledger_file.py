@@ -147,6 +147,12 @@ def read_leniently(directory: Path) -> Reading:
     return Reading(entries, bad, True)
 
 
+def latest_states(entries: Iterable[Mapping[str, Any]]) -> dict[int, str]:
+    """Return block -> "done", "quarantined" or "reopened", whichever of them was said last."""
+    states = ("done", "quarantined", "reopened")
+    return {entry["block"]: entry["event"] for entry in entries if entry.get("event") in states}
+
+
 def set_ledger_aside(directory: Path) -> Path:
     """Copy a ledger to a file beside it, never over another; return where it is."""
     number, to = 0, directory / TORN

@@ -40,7 +40,7 @@ def take(directory: Path, role: str) -> int:
             raise
         what = (
             f"its file system has no locks ({error.strerror}), so nothing tells whether another {role} is at work on "
-            "it; where you know that none is: bow sweep --no-lock, or -p lock:=false for a node"
+            "it; where you know that none is: --no-lock, or -p lock:=false for a node"
         )
         raise OSError(error.errno, what, str(path)) from None
     return descriptor

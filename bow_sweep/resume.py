@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 from bow_sim.blocks import Blocks
 from bow_sim.model import ParameterError
 
-from .ledger_file import LEDGER, Reading, read_leniently, set_ledger_aside, write_ledger
+from .ledger_file import LEDGER, Reading, latest_states, read_leniently, set_ledger_aside, write_ledger
 from .plan import Sweep
 from .record.bag import FOLDER, BagError
 from .record.expected import QUARANTINED
@@ -54,7 +54,6 @@ class Prepared:
     survey: Survey
     blocks: Blocks
     complete: bool = False
-    notes: list[str] = field(default_factory=list)
 
 
 def prepare(directory: Path, say: Say = lambda _: None, locks: bool = True) -> Prepared:
@@ -114,7 +113,9 @@ def _prepare(directory: Path, say: Say, locks: bool) -> Prepared:
         entries = [*entries, *events]
         write_ledger(directory, entries)
     prepared = Prepared(directory, entries[0]["run_id"], sweep, entries, survey, blocks)
-    prepared.complete = _settled(entries, blocks) and _agrees(directory, survey, say)
+    states = latest_states(entries)
+    settled = all(states.get(block, "reopened") != "reopened" for block in range(blocks.count))
+    prepared.complete = settled and _agrees(directory, survey, say)
     return prepared
 
 
@@ -268,24 +269,11 @@ def _write(directory: Path, reading: Reading, entries: list[dict[str, Any]], cha
 # ---- what was done
 
 
-def _states(entries: Sequence[Mapping[str, Any]], count: int) -> dict[int, str]:
-    states: dict[int, str] = {}
-    for entry in entries:
-        if entry.get("event") in ("done", "quarantined", "reopened") and entry["block"] < count:
-            states[entry["block"]] = entry["event"]
-    return states
-
-
-def _settled(entries: Sequence[Mapping[str, Any]], blocks: Blocks) -> bool:
-    states = _states(entries, blocks.count)
-    return sum(state != "reopened" for state in states.values()) == blocks.count
-
-
 def _differences(
     entries: Sequence[Mapping[str, Any]], survey: Survey, blocks: Blocks, say: Say
 ) -> list[dict[str, Any]]:
     """Return the events that make the ledger say what the bag has."""
-    states = _states(entries, blocks.count)
+    states = latest_states(entries)
     known = survey.expected.blocks if survey.expected else 0
     attempts: dict[int, int] = {}
     for entry in entries:

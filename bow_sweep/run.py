@@ -25,7 +25,7 @@ from . import ledger_file
 from .adaptive import fill
 from .basin import Basin
 from .ledger import Ledger, State
-from .ledger_file import LEDGER, LedgerError, set_ledger_aside
+from .ledger_file import LEDGER, LedgerError, latest_states, set_ledger_aside
 from .locks import HeldError, take
 from .plan import Sweep
 
@@ -78,8 +78,7 @@ def read_ledger(directory: Path) -> list[dict[str, Any]]:
 
 def is_finished(directory: Path, entries: list[dict[str, Any]]) -> bool:
     """Return whether every block of a run is settled and its report written."""
-    settled = {entry["block"] for entry in entries if entry.get("event") in ("done", "quarantined")}
-    settled -= {entry["block"] for entry in entries if entry.get("event") == "reopened"}
+    settled = [state for state in latest_states(entries).values() if state != "reopened"]
     return len(settled) == max(entry.get("blocks", 0) for entry in entries) and (directory / REPORT).exists()
 
 

@@ -13,7 +13,7 @@ from bow_sweep.basin import Basin
 from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
 from bow_sweep.results import writing
-from bow_sweep.run import LEDGER, PICTURE, Run, RunError, digest, lock, read_ledger
+from bow_sweep.run import LEDGER, PICTURE, Run, RunError, digest, is_finished, lock, read_ledger
 
 SMALL = ["x.count=4", "y.count=2", "block_cells=4", "periods=10"]
 
@@ -166,4 +166,15 @@ def test_the_report_knows_the_picture_that_it_was_written_with(tmp_path: Path) -
     assert run.report(Basin(4, 2, 2), 1.0, {})["picture"] is None
     (tmp_path / "run" / PICTURE).write_bytes(b"picture")
     assert run.report(Basin(4, 2, 2), 1.0, {})["picture"] == digest(tmp_path / "run" / PICTURE)
+    run.close()
+
+
+def test_a_block_that_was_reopened_and_is_done_again_is_settled(tmp_path: Path) -> None:
+    run = small_run(tmp_path / "run")
+    events = [("done", 0), ("done", 1), ("reopened", 0)]
+    run.record([{"event": event, "block": block} for event, block in events])
+    run.report(Basin(4, 2, 2), 1.0, {})
+    assert not is_finished(tmp_path / "run", read_ledger(tmp_path / "run"))
+    run.record([{"event": "done", "block": 0}])
+    assert is_finished(tmp_path / "run", read_ledger(tmp_path / "run"))
     run.close()

@@ -10,20 +10,19 @@ from bow_sweep.view.maps import MapFileError, write_map_npz
 
 
 def with_history():
-    """Return the regimes of three tests, and a map that keeps them."""
+    """Return a map that keeps the regimes of three tests."""
     regimes = np.full((3, 4, 8), SLIP, np.uint8)
     regimes[1, 3, 0] = HELMHOLTZ  # upper left; it regresses
-    plane = replace(
+    return replace(
         map_file(tests=3),
         regimes=regimes,
         helmholtz=regimes == HELMHOLTZ,
         confidence=np.full((3, 4, 8), 0.5, np.float32),
     )
-    return regimes, plane
 
 
 def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
-    regimes, plane = with_history()
+    plane = with_history()
     path = tmp_path / "history.rrd"
     write_history(path, plane)
     assert not read_rrd.verify(path)
@@ -42,7 +41,7 @@ def test_a_map_that_kept_no_history_has_none_to_show(tmp_path):
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path, monkeypatch):
-    write_map_npz(tmp_path / "map.npz", with_history()[1])
+    write_map_npz(tmp_path / "map.npz", with_history())
     (tmp_path / "history.rrd").mkdir()
     monkeypatch.setattr("sys.argv", ["history", str(tmp_path)])
     with pytest.raises(SystemExit, match=r"history.rrd: cannot be written"):
