@@ -1,5 +1,6 @@
 """A bag whose writer was killed: complete chunks are kept, the rest is said."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from bow_sweep.cli import main
 from bow_sweep.record.bag import METADATA, BagError, messages
 from bow_sweep.record.recover import LockedError, locked, recover
 from bow_sweep.record.scan import Scan
@@ -295,3 +297,15 @@ def test_an_empty_file_becomes_an_empty_bag(run):
     bag_file(run).write_bytes(b"")
     assert recover(run)["ok"]
     assert list(messages(run / "bag")) == []
+
+
+def test_the_command_prints_what_was_done_or_would_be(run, capsys):
+    path = bag_file(run)
+    path.write_bytes(path.read_bytes() + bytes(10))
+    assert main(["recover", str(run), "--dry-run"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["dry_run"], said["files"][0]["was"], said["files"][0]["dropped_bytes"]) == (True, "torn", 10)
+    assert main(["recover", str(run)]) == 0
+    assert json.loads(capsys.readouterr().out)["files"][0]["aside"]
+    assert main(["recover", str(run)]) == 0
+    assert json.loads(capsys.readouterr().out)["files"][0]["did"] == "keep"
