@@ -20,8 +20,10 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from small_graph import PIXEL, SmallGraph, Snapshot, restore, snapshot
 
+from bow_sim import wire
 from bow_sweep.ledger import State
-from bow_sweep.record.bag import BagError
+from bow_sweep.record.bag import BagError, bag_files
+from bow_sweep.record.mcapfile import McapWriter
 from bow_sweep.record.recover import recover
 from bow_sweep.record.replay import replay
 from bow_sweep.record.scan import Scan
@@ -230,14 +232,35 @@ def test_this_would_find_a_resume_that_believes_the_ledger(histories, room, monk
         assert_goes_on(directory, of)
 
 
-def test_a_run_that_never_knew_of_the_disk_is_gone_on_with(histories, room) -> None:
-    """Bags from before blocks were receipted as on the disk: whole blocks in them are done."""
+@pytest.mark.parametrize("state", [0.6, LAST])
+def test_a_run_from_before_blocks_were_receipted_holds_and_is_gone_on_with(histories, room, state) -> None:
     of = histories["plain"]
-    directory = befallen(room / "run", of, 0.6, [])
-    path = directory / "bag" / "bag_1.mcap"
-    if path.exists():
-        path.unlink()
+    directory = befallen(room / "run", of, state, [])
+    recover(directory)
+    for path in bag_files(directory / "bag"):
+        as_of_old(path)
+    assert verify(directory)["ok"] == (state == LAST)
+    assert prepare(directory).complete == (state == LAST)
+    (directory / "map.npz").unlink(missing_ok=True)  # or there is nothing to do
     assert_goes_on(directory, of)
+
+
+def as_of_old(path: Path) -> None:
+    """Write a file of a bag as it was before blocks were receipted."""
+    scan = Scan(path)
+    messages = list(scan.messages())
+    path.unlink()
+    writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values())
+    for m in messages:
+        data: bytes | memoryview = m.data
+        if scan.contents.channels[m.channel].topic.endswith("/receipts"):
+            values = wire.decode("Receipt", data)
+            kept = values["kind"] != wire.RECEIPT_BLOCK
+            names = ("kind", "block", "chunk", "attempt", "checksum")
+            data = wire.encode("Receipt", {**values, **{name: values[name][kept] for name in names}})
+        writer.add(m.channel, m.sequence, m.log_time, m.publish_time, data)
+        writer.commit()
+    writer.finish()
 
 
 def test_a_ledger_that_is_lost_is_made_anew_from_the_bag(histories, room) -> None:
