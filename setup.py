@@ -6,13 +6,13 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
-COMMAND = {"bow": "bow_sweep.cli:command"}
+COMMAND = {"bow": "bow_sweep.entry:command"}
 NODES = {
-    "coordinator": "bow_sweep.coordinator:main",
-    "simulator": "bow_sim.node:main",
-    "classifier": "bow_classifier.node:main",
-    "recorder": "bow_sweep.record.recorder:main",
-    "dashboard": "bow_sweep.view.dashboard:main",
+    "coordinator": "bow_sweep.entry:coordinator",
+    "simulator": "bow_sweep.entry:simulator",
+    "classifier": "bow_sweep.entry:classifier",
+    "recorder": "bow_sweep.entry:recorder",
+    "dashboard": "bow_sweep.entry:dashboard",
 }
 
 NO_MESSAGES = """

@@ -85,9 +85,9 @@ class Client:
             raise TimeoutError("no coordinator")
         goal = self._type.Goal(spec=SweepSpec(preset=preset, settings=list(settings)))
         handle = self._until(self._action.send_goal_async(goal))
-        if not handle.accepted:
-            raise RuntimeError("the coordinator refused the sweep; its log says why")
         result = self._until(handle.get_result_async()).result
+        if not result.run_id:
+            raise RuntimeError(f"the coordinator refused the sweep: {result.message}")
         if result.cells_done != result.cells_planned:
             raise RuntimeError(f"the sweep left cells out: {result.message}")
         return result

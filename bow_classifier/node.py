@@ -13,7 +13,10 @@ from functools import partial
 
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
-from bow_sim.ros import HEARD, STREAM, BowNode, RCLError, has_met, live
+from bow_sim import wire
+from bow_sim.authority import Authority
+from bow_sim.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
+from bow_sim.ros import HEARD, STREAM, BowNode, RCLError, live
 
 from .stream import Classifier
 from .warm import warm
@@ -38,7 +41,12 @@ and has the unfinished blocks sent again. Ctrl-C stops it.
 """
 
 LOOK_S = 0.05
-"""Between two looks at who listens, at the start."""
+"""Between two looks at who listens."""
+
+TOPICS = {"BridgeForce": "bridge_force", "StickSlip": "stick_slip"}
+
+READERS = (("verdicts", "recorder"), ("verdicts", "coordinator"))
+"""Who has to hear what."""
 
 RETRY_S = 0.25
 """Between two tries to publish while a subscriber hangs: publish() itself waits 0.1 s, and the node must breathe."""
@@ -56,16 +64,27 @@ class ClassifierNode(BowNode):
         self._classifier = Classifier(self.incarnation)
         self._outbox: deque[bytes] = deque()
         self._hanging = False
+        self._authority = Authority(self.works_for)
+        self._last_sent = 0.0
         self._verdicts = self.create_publisher(Verdicts, "verdicts", STREAM)
         self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
-        for kind, topic in ((BridgeForce, "bridge_force"), (StickSlip, "stick_slip")):
-            self.create_subscription(kind, topic, partial(self._on_stream, kind.__name__), STREAM, raw=True)
-        self.create_timer(LOOK_S, self._look)
-        self.create_timer(RETRY_S, self._publish)
+        for kind in (BridgeForce, StickSlip):
+            name = kind.__name__
+            self.create_subscription(kind, TOPICS[name], partial(self._on_stream, name), STREAM, raw=True)
+        self.every(LOOK_S, self._look)
+        self.every(RETRY_S, self._publish)
         self.become(Health.STARTING, "waiting for a plan")
 
     def _on_plan(self, data: bytes) -> None:
         classifier = self._classifier
+        try:
+            why = self._authority.objection(wire.decode("Plan", data))
+        except wire.WireError as error:
+            why = str(error)
+        if why:
+            classifier.complain(f"plan ignored: {why}")
+            self._note()
+            return
         classifier.plan(data)
         if classifier.problem:
             self.get_logger().error(f"cannot judge this sweep: {classifier.problem}")
@@ -73,17 +92,38 @@ class ClassifierNode(BowNode):
         elif classifier.task is None:
             self.become(Health.STARTING, "waiting for a plan", run="")
         elif self.health.run_id != classifier.task.run_id:
-            self.become(Health.STARTING, "waiting for recorder and coordinator", run=classifier.task.run_id)
+            self.become(Health.STARTING, "a sweep opens", run=classifier.task.run_id)
+            self._look()
         self._note()
 
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Become ready at once when the last of the readers says that it hears us."""
+        if message.role != self.health.role and self.health.state == Health.STARTING:
+            self._look()
+
     def _look(self) -> None:
-        """Become ready once nobody can miss a verdict."""
-        waits = self._classifier.task is not None and self.health.state == Health.STARTING
-        if waits and has_met(self, self._verdicts, ["recorder", "coordinator"]):
+        """Be ready as long as the readers of this run say that they hear our verdicts."""
+        task = self._classifier.task
+        if task is None:
+            return
+        starting, now = self.health.state == Health.STARTING, self.awake.now()
+        if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
+            self._send([wire.hello("Verdicts", self.incarnation)])
+        missing = self.neighbours.missing(READERS, task.run_id, now, HELLO_S if starting else DEAF_S)
+        if missing:
+            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
+        elif starting:
             self.become(Health.READY)
 
     def _on_stream(self, name: str, data: bytes) -> None:
+        sender = wire.hello_from(name, data)
+        if sender:
+            self.heard(TOPICS[name], sender)
+            return
         self._send(self._classifier.take(name, data))
+        for kind, sender in self._classifier.senders:
+            self.heard(TOPICS[kind], sender)
+        self._classifier.senders.clear()
         self._note()
 
     def _note(self) -> None:
@@ -114,6 +154,7 @@ class ClassifierNode(BowNode):
                 )
                 return
             self._outbox.popleft()
+            self._last_sent = self.awake.now()
         self._hanging = False
 
 

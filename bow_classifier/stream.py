@@ -92,6 +92,8 @@ class Classifier:
         What came in.
     complaints
         Lines for people on what was ignored, the latest `COMPLAINTS`; take them out with ``popleft``.
+    senders
+        Message name and incarnation of whose messages were taken; clear it when you have looked.
     """
 
     def __init__(self, incarnation: str) -> None:
@@ -100,6 +102,7 @@ class Classifier:
         self.problem = ""
         self.counts = Counts()
         self.complaints: deque[str] = deque(maxlen=COMPLAINTS)
+        self.senders: set[tuple[str, str]] = set()
         self._plan = ("", "", "", -1)
         self._blocks: dict[int, _Block] = {}
         self._settled: frozenset[int] = frozenset()
@@ -123,7 +126,7 @@ class Classifier:
         try:
             plan = wire.decode("Plan", data)
         except wire.WireError as error:
-            self._complain(f"plan ignored: {error}")
+            self.complain(f"plan ignored: {error}")
             return
         name, epoch = (plan["run_id"], plan["sweep_id"], plan["classifier"]), plan["epoch"]
         if plan["state"] != PLAN_OPEN:
@@ -132,7 +135,7 @@ class Classifier:
                 self.open(None)
             return
         if self._plan[:3] == name and epoch < self._plan[3]:
-            self._complain(f"plan of epoch {epoch} ignored: epoch {self._plan[3]} is in charge")
+            self.complain(f"plan of epoch {epoch} ignored: epoch {self._plan[3]} is in charge")
             return
         if self._plan[:3] != name:
             self.open(None)
@@ -148,7 +151,7 @@ class Classifier:
             try:
                 self.grow(plan["rounds"])
             except ParameterError as error:
-                self._complain(f"plan ignored: {error}")
+                self.complain(f"plan ignored: {error}")
                 return
         self._plan = (*name, epoch)
         self.settle(np.flatnonzero(plan["block_states"] != OUTSTANDING).tolist())
@@ -182,6 +185,7 @@ class Classifier:
         self.counts.bytes += len(data)
         try:
             values, cells = self._check(name, data)
+            self.senders.add((name, values["incarnation"]))
             block = self._blocks.get(values["block"])
             if block is None:
                 block = self._blocks[values["block"]] = self._new_block(cells)
@@ -190,10 +194,11 @@ class Classifier:
             self._hold(name, values, block)
             return self._judge_what_is_whole(values["block"], block)
         except (wire.WireError, Refused) as error:
-            self._complain(f"ignored: {error}")
+            self.complain(f"ignored: {error}")
             return []
 
-    def _complain(self, text: str) -> None:
+    def complain(self, text: str) -> None:
+        """Count something that is ignored, and say so."""
         self.counts.ignored += 1
         self.complaints.append(text)
 
@@ -270,7 +275,7 @@ class Classifier:
                 intervals = Intervals(*(slip[name] for name in Intervals._fields))
                 judgement = block.judge.judge(force["data"].reshape(window), intervals)
             except ValueError as error:  # this half is wrong; another attempt may bring a right one
-                self._complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
+                self.complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
                 break
             answer = self._answer(number, block.next, force, slip, judgement._asdict())
             del block.waiting[FORCE][block.next]

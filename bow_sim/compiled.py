@@ -11,7 +11,24 @@ from typing import Any
 import numba
 from numba import extending
 
-njit: Any = numba.njit
+from bow_sim.code_cache import CodeCache
+
+if numba.config.DISABLE_JIT:
+    raise ImportError("the kernels exist in compiled form only: unset NUMBA_DISABLE_JIT")
+
+
+def njit(*, cache: bool = False, **options: Any) -> Any:
+    """Compile a function as `numba.njit` does; with `cache`, keep the code as :mod:`bow_sim.code_cache` says."""
+
+    def decorate(function: Any) -> Any:
+        dispatcher = numba.njit(**options)(function)
+        if cache:
+            dispatcher._cache = CodeCache(function)
+        return dispatcher
+
+    return decorate
+
+
 intrinsic: Any = extending.intrinsic
 overload: Any = extending.overload
 register_model: Any = extending.register_model

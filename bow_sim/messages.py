@@ -67,6 +67,22 @@ FIELDS: dict[str, dict[str, str]] = {
         "classifier": "string",
         "block_states": "uint8[]",
         "rounds": "uint8[]",
+        "incarnation": "string",
+    },
+    "Block": {
+        "run_id": "string",
+        "sweep_id": "string",
+        "coordinator": "string",
+        "simulator": "string",
+        "epoch": "uint32",
+        "fingerprint": "string",
+        "spec.preset": "string",
+        "spec.settings": "string[]",
+        "block": "uint32",
+        "attempt": "uint32",
+        "cells": "uint32[]",
+        "x": "float64[]",
+        "y": "float64[]",
     },
     "BasinMap": {
         "run_id": "string",
@@ -88,6 +104,10 @@ FIELDS: dict[str, dict[str, str]] = {
     },
 }
 """Message -> its fields in order, nested messages written out with a dot."""
+
+
+ADDED: dict[str, str] = {"Plan": "incarnation"}
+"""Message -> its last field, a string that bags of older versions lack: it is read as "" there."""
 
 
 def is_sealed(name: str) -> bool:

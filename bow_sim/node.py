@@ -1,43 +1,67 @@
-"""The simulator node: takes blocks as goals, runs the kernel, publishes bridge force and stick/slip at full rate.
+"""The simulator node: takes blocks, runs the kernel, publishes bridge force and stick/slip at full rate.
 
-It takes goals only once its streams have met this run's recorder and classifier, keeps at most 16 chunks under way
-that are not both receipted and judged, and sends again what stays unanswered.
+It is ready once this run's recorder and classifier say that its streams arrive, keeps at most 16 chunks under way that
+are not both receipted and judged, and sends again what stays unanswered. Which blocks it holds is in its heartbeat.
 """
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from bow_msgs.action import Simulate
+from bow_msgs.msg import Block as BlockMessage
 from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip
 from numpy.typing import NDArray
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 
 from . import wire
+from .authority import Authority
 from .credit import LIMIT, Window
 from .identity import fingerprint, random_id
 from .kernel import Block, ChunkResult
 from .limits import check_block
 from .model import ParameterError
-from .ros import CONSUMERS, HEARD, INSPECT, STREAM, WAVES, BowNode, live, publishes
+from .neighbours import CONSUMERS, DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
+from .ros import HEARD, INSPECT, STREAM, WAVES, WORK, BowNode, RCLError, live
 from .spec import split
 
 HELP = """
 usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p credit:=8 -p inspect:=[0,77]]
 
-Simulates blocks of bowed strings for a sweep. Start as many as there are cores, here or on other machines; each joins
-the pool of the coordinator in its namespace (default /bow) by its action server <node>/simulate.
-It takes work once a recorder and a classifier of that namespace listen to its streams.
+Simulates blocks of bowed strings for a sweep. Start as many as there are cores, here or on other machines, each under a
+name of its own; each joins the pool of the coordinator in its namespace (default /bow) by its heartbeat on `health`.
+It takes work once the recorder and the classifier of that namespace hear its streams.
 """
 
 IN_HAND = 2
-"""Goals held at most: one being computed, one waiting."""
+"""Blocks held at most: one being computed, one waiting."""
+
+REFUSED = 8
+"""Refused blocks that a heartbeat names, at most: the latest."""
+
+LOOK_S = 0.1
+
+STREAMS = ("bridge_force", "stick_slip")
+
+
+@dataclass(eq=False)
+class Job:
+    """A block to compute, as the coordinator's message gives it."""
+
+    message: Mapping[str, Any]
+    block: Block
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Block and attempt."""
+        return self.message["block"], self.message["attempt"]
 
 
 class SimulatorNode(BowNode):
@@ -51,103 +75,102 @@ class SimulatorNode(BowNode):
             ParameterDescriptor(
                 description="chunks under way at most that are not both receipted and judged",
                 integer_range=[IntegerRange(from_value=1, to_value=LIMIT, step=1)],
+                read_only=True,
             ),
         ).value
-        self.declare_parameter(
-            "inspect",
-            [0],
-            ParameterDescriptor(description="cells whose bridge force also goes out on `inspect`, for the dashboard"),
-        )
+        shown = "cells whose bridge force also goes out on `inspect`, for the dashboard"
+        self._inspected = self.declare_parameter(
+            "inspect", [0], ParameterDescriptor(description=shown, read_only=True)
+        ).value
         self._lock = threading.Condition()
         self._window = Window(credit)
-        self._goals: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._held = 0
-        self._prepared: dict[tuple[int, int, int], Block] = {}
+        self._jobs: queue.SimpleQueue[Job] = queue.SimpleQueue()
+        self._held: list[Job] = []
+        self._refused: deque[tuple[int, int]] = deque(maxlen=REFUSED)
+        self._changed = False  # what is held or refused: worth a heartbeat
         self._run: tuple[str, str] = ("", "")
         self._epoch = 0
         self._settled: set[int] = set()
-        self._consumers: dict[str, tuple[str, float]] = {}
-        self._met: dict[str, set[bytes]] = {}
-        self._waiting_for: dict[str, set[bytes]] = {role: set() for role in CONSUMERS}
+        self._authority = Authority(self.works_for)
         self._leaving = threading.Event()
+        self._last_hello = 0.0
 
         self._force = self.create_publisher(BridgeForce, "bridge_force", WAVES)
         self._slips = self.create_publisher(StickSlip, "stick_slip", WAVES)
         self._inspect = self.create_publisher(BridgeForce, "inspect", INSPECT)
-        self.create_subscription(Plan, "plan", self._on_plan, HEARD)
-        self.create_subscription(Health, "health", self._on_health, HEARD)
+        self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         self.create_subscription(Receipt, "receipts", self._on_receipts, STREAM, raw=True)
-        self._server = ActionServer(
-            self,
-            Simulate,
-            "~/simulate",
-            execute_callback=self._conclude,
-            goal_callback=self._on_goal,
-            handle_accepted_callback=self._goals.put,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            result_timeout=1,
-        )
+        self.create_subscription(BlockMessage, "blocks", self._on_block, WORK, raw=True)
         self._fingerprint = fingerprint()
-        self.create_timer(0.1, self._look)
+        self.every(LOOK_S, self._look)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
         self._worker.start()
 
     # ---- who listens
 
-    def _listeners(self) -> dict[str, set[bytes]]:
-        """Return, by role, the endpoints that listen to both streams; none of a recorder that gives no receipts yet."""
-        topics = [self.resolve_topic_name(name) for name in ("bridge_force", "stick_slip")]
-        found: dict[str, list[set[bytes]]] = {role: [] for role in CONSUMERS}
-        for topic, publisher in zip(topics, (self._force, self._slips), strict=True):
-            infos = [i for i in self.get_subscriptions_info_by_topic(topic) if i.node_namespace == self.get_namespace()]
-            matched = publisher.get_subscription_count() >= len(infos)
-            for role in CONSUMERS:
-                found[role].append({bytes(i.endpoint_gid) for i in infos if matched and i.node_name == role})
-        if not publishes(self, "recorder", "receipts"):
-            found["recorder"] = [set()]
-        return {role: set().union(*sets) if all(sets) else set() for role, sets in found.items()}
+    def cares(self, role: str, node: str) -> bool:
+        """Other simulators do not matter, unless they have our name."""
+        return role in CONSUMERS or role == "coordinator" or node == self.health.node
+
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Become ready at once when the last of the consumers says that it hears us."""
+        if message.role in CONSUMERS and self.health.state == Health.STARTING:
+            self._look()
 
     def _look(self) -> None:
-        """Become ready once both consumers listen; after a consumer's restart its old endpoints do not count."""
-        if self.health.state != Health.STARTING or not self._run[0]:
+        """Be ready as long as the consumers of this run hear our streams, and we the receipts."""
+        if self._changed:
+            self._say_what_is_held()
+        run = self._run[0]
+        if not run:
             return
-        listeners = self._listeners()
-        missing = [role for role in CONSUMERS if not listeners[role] - self._waiting_for[role]]
+        starting = self.health.state == Health.STARTING
+        now = self.awake.now()
+        topics = [(topic, role) for role in CONSUMERS for topic in STREAMS]
+        missing = self.neighbours.missing(topics, run, now, HELLO_S if starting else DEAF_S)
         if missing:
-            self.become(Health.STARTING, f"waiting for {' and '.join(missing)} of {self.get_namespace()}")
-            return
-        self._met = listeners
-        self.become(Health.BUSY if self._held else Health.READY)
+            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
+        elif starting:
+            self.become(Health.BUSY if self._held else Health.READY)
 
-    def _on_health(self, message: Health) -> None:
-        if message.role not in CONSUMERS or message.state == Health.DEAD:
-            return
-        known = self._consumers.get(message.role, (message.incarnation, 0.0))[0]
-        self._consumers[message.role] = (message.incarnation, time.monotonic())
-        if known != message.incarnation:
-            self._waiting_for[message.role] = self._met.get(message.role, set())
-            self.become(Health.STARTING, f"{message.role} restarted")
+    def _say_hello(self) -> None:
+        """Show that our streams arrive, where nothing else does: called where nothing is under way."""
+        pause = FIRST_HELLO_S if self.health.state == Health.STARTING else HELLO_S
+        now = time.monotonic()
+        if self._run[0] and now - self._last_hello >= pause:
+            self._last_hello = now
+            with contextlib.suppress(RCLError):  # it comes again
+                self._force.publish(wire.hello("BridgeForce", self.incarnation))
+                self._slips.publish(wire.hello("StickSlip", self.incarnation))
 
-    def _on_plan(self, message: Plan) -> None:
+    def _on_plan(self, data: bytes) -> None:
+        try:
+            plan = wire.decode("Plan", data)
+        except wire.WireError:
+            self.health.ignored += 1
+            return
+        if self._authority.objection(plan):
+            self.health.ignored += 1
+            return
+        run = (plan["run_id"], plan["sweep_id"])
         with self._lock:
-            run = (message.run_id, message.sweep_id)
             if run != self._run:
                 self._run, self._epoch = run, 0
-            self._enter(message.epoch)
-            states = np.asarray(message.block_states)
-            self._settled = set(np.flatnonzero(states != Plan.OUTSTANDING).tolist())
+            self._enter(plan["epoch"])
+            self._settled = set(np.flatnonzero(plan["block_states"] != Plan.OUTSTANDING).tolist())
             self._window.drop(self._settled)
             self._lock.notify_all()
-        if message.state == Plan.CLOSED:
-            self.become(Health.STARTING, "no sweep is open", "")
+        if plan["state"] == Plan.CLOSED:
             self._run = ("", "")
-        elif self.health.run_id != message.run_id:
-            self.become(Health.STARTING, "a sweep opens", message.run_id)
+            self.become(Health.STARTING, "no sweep is open", "")
+        elif self.health.run_id != run[0]:
+            self.become(Health.STARTING, "a sweep opens", run[0])
+            self._look()
 
     def _enter(self, epoch: int) -> None:
-        """Begin a newer epoch, told by a plan or a goal: nobody waits for what was sent in older ones."""
+        """Begin a newer epoch, told by a plan or a block: nobody waits for what was sent in older ones."""
         if epoch > self._epoch:
-            self._epoch, self._held = epoch, 0
+            self._epoch = epoch
             self._window.drop()
 
     # ---- answers
@@ -159,6 +182,7 @@ class SimulatorNode(BowNode):
         except wire.WireError:
             self.health.ignored += 1
             return
+        self.heard("receipts", receipt["incarnation"])
         if (receipt["run_id"], receipt["sweep_id"]) != self._run:
             return
         kinds = receipt["kind"].tolist()
@@ -174,156 +198,169 @@ class SimulatorNode(BowNode):
                     self._window.answered((block, chunk), now, receipted=not judged, judged=judged)
             self._lock.notify_all()
 
-    # ---- goals
+    # ---- blocks
 
-    def _on_goal(self, goal: Simulate.Goal) -> GoalResponse:
-        why = self._objection(goal)
-        if why:
-            self.get_logger().warning(f"block {goal.block}, attempt {goal.attempt} rejected: {why}")
-            self.become(self.health.state, f"rejects blocks: {why}")
-            return GoalResponse.REJECT
-        with self._lock:
-            self._enter(goal.epoch)
-        self._held += 1
-        return GoalResponse.ACCEPT
-
-    def _objection(self, goal: Simulate.Goal) -> str:
-        """Return why a goal cannot be taken, or ""."""
-        if self.health.state not in (Health.READY, Health.BUSY):
-            return f"not ready: {self.health.detail}"
-        if (goal.run_id, goal.sweep_id) != self._run:
-            return f"run {goal.run_id!r}, sweep {goal.sweep_id!r} is not the open one, {self._run}"
-        if goal.epoch < self._epoch:
-            return f"epoch {goal.epoch} is over, this is epoch {self._epoch}"
-        if goal.fingerprint != self._fingerprint:
-            return f"kernel {goal.fingerprint} was asked for, this one is {self._fingerprint}: results could differ"
-        if self._held >= IN_HAND and goal.epoch == self._epoch:
-            return f"already holds {self._held} blocks"
-        lengths = {name: len(getattr(goal, name)) for name in ("cells", "x", "y")}
-        if len(set(lengths.values())) != 1 or not lengths["cells"]:
-            return f"array lengths {lengths} should be equal and above 0"
+    def _on_block(self, data: bytes) -> None:
         try:
-            self._prepared[_key(goal)] = self._prepare(goal)
+            message = wire.decode("Block", data)
+        except wire.WireError:
+            self.health.ignored += 1
+            return
+        self.heard("blocks", message["coordinator"])
+        if message["simulator"] != self.incarnation:
+            return
+        if not self.works_for(message["coordinator"], message["run_id"]):  # out of a bag, say; a lost one comes again
+            self.health.ignored += 1
+            return
+        try:
+            job = self._accept(message)
         except (ParameterError, ValueError) as error:
-            return str(error)
-        return ""
-
-    def _prepare(self, goal: Simulate.Goal) -> Block:
-        spec = split(goal.spec.settings)
-        parameters = spec.parameters()
-        planned = spec.number("x", "count") * spec.number("y", "count")
-        check_block(len(goal.cells), parameters)
-        cells = np.asarray(goal.cells, dtype=np.int64)
-        if cells.max() >= planned or len(np.unique(cells)) != len(cells):
-            raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
-        lanes = {str(spec.x.get("name")): np.asarray(goal.x), str(spec.y.get("name")): np.asarray(goal.y)}
-        return Block(parameters, lanes)
-
-    def _conclude(self, goal_handle: Any) -> Simulate.Result:
-        """Give the result that the worker left on the handle; runs in the executor."""
-        result, fine = goal_handle.bow_outcome
-        if goal_handle.is_cancel_requested:
-            goal_handle.canceled()
-        elif fine:
-            goal_handle.succeed()
+            self.get_logger().warning(
+                f"block {message['block']}, attempt {message['attempt']} refused: {error}", throttle_duration_sec=5.0
+            )
+            self._refused.append((message["block"], message["attempt"]))
+            self.health.detail = f"refuses blocks: {error}"
         else:
-            goal_handle.abort()
-        self._held -= goal_handle.request.epoch == self._epoch
-        if not self._held and self.health.state == Health.BUSY:
-            self.become(Health.READY)
-        return result
+            with self._lock:
+                self._enter(message["epoch"])
+                self._held.append(job)
+            self._jobs.put(job)
+        self._say_what_is_held()
+
+    def _accept(self, message: Mapping[str, Any]) -> Job:
+        """Return a block ready to compute.
+
+        Raises
+        ------
+        ValueError
+            Where it cannot be taken; says why.
+        """
+        if self.health.state not in (Health.READY, Health.BUSY):
+            raise ValueError(f"not ready: {self.health.detail}")
+        if (message["run_id"], message["sweep_id"]) != self._run:
+            raise ValueError(
+                f"run {message['run_id']!r}, sweep {message['sweep_id']!r} is not the open one, {self._run}"
+            )
+        if message["epoch"] < self._epoch:
+            raise ValueError(f"epoch {message['epoch']} is over, this is epoch {self._epoch}")
+        if message["fingerprint"] != self._fingerprint:
+            raise ValueError(
+                f"kernel {message['fingerprint']} was asked for, this one is {self._fingerprint}: results could differ"
+            )
+        with self._lock:  # those of older epochs are void, and gone in a moment
+            held = sum(job.message["epoch"] >= message["epoch"] for job in self._held)
+        if held >= IN_HAND:
+            raise ValueError(f"already holds {held} blocks")
+        lengths = {name: len(message[name]) for name in ("cells", "x", "y")}
+        if len(set(lengths.values())) != 1 or not lengths["cells"]:
+            raise ValueError(f"array lengths {lengths} should be equal and above 0")
+        return Job(message, _prepare(message))
+
+    def _say_what_is_held(self) -> None:
+        """Publish which blocks are held and which were refused: the coordinator goes by that."""
+        with self._lock:
+            held, self._changed = [job.key for job in self._held], False
+        health = self.health
+        health.held_blocks, health.held_attempts = ([key[part] for key in held] for part in (0, 1))
+        health.refused_blocks, health.refused_attempts = ([key[part] for key in self._refused] for part in (0, 1))
+        if health.state in (Health.READY, Health.BUSY):
+            health.state = Health.BUSY if held else Health.READY
+        self.beat()
 
     # ---- the worker
 
     def _work(self) -> None:
         while not self._leaving.is_set():
             try:
-                goal_handle = self._goals.get(timeout=0.5)
+                job = self._jobs.get(timeout=FIRST_HELLO_S)
             except queue.Empty:
-                self._send_again()
+                if len(self._window):
+                    self._send_again()
+                else:
+                    self._say_hello()
                 continue
+            complete = False
             try:
-                goal_handle.bow_outcome = self._compute(goal_handle)
+                complete = self._compute(job)
             except Exception as error:
                 if self._leaving.is_set():
                     return
-                self.get_logger().error(f"block {goal_handle.request.block}: {error!r}")
-                goal_handle.bow_outcome = (Simulate.Result(), False)
-            goal_handle.execute()
+                self.get_logger().error(f"block {job.key[0]}: {error!r}")
+            with self._lock:
+                self._held.remove(job)
+                if not complete:
+                    self._refused.append(job.key)
+                self._changed = True
+            if self.executor is not None:  # in its thread, at once
+                self.executor.create_task(self._say_what_is_held)
 
-    def _void(self, goal_handle: Any) -> bool:
-        goal = goal_handle.request
+    def _void(self, job: Job) -> bool:
+        message = job.message
         return (
             self._leaving.is_set()
-            or goal_handle.is_cancel_requested
-            or goal.epoch < self._epoch
-            or goal.run_id != self._run[0]
-            or goal.block in self._settled
+            or message["epoch"] < self._epoch
+            or message["run_id"] != self._run[0]
+            or message["block"] in self._settled
         )
 
-    def _compute(self, goal_handle: Any) -> tuple[Simulate.Result, bool]:
-        """Compute and publish one block; return its result, and whether it is complete."""
-        goal = goal_handle.request
-        result = Simulate.Result()
-        if self.health.state == Health.READY:
-            self.become(Health.BUSY)
-        goal_handle.publish_feedback(Simulate.Feedback(chunk=0))
-        block = self._prepared.pop(_key(goal))
-        cells = np.asarray(goal.cells, dtype=np.uint32)
-        common = {name: getattr(goal, name) for name in ("run_id", "sweep_id", "block", "attempt")}
+    def _compute(self, job: Job) -> bool:
+        """Compute and publish one block; return whether it is complete."""
+        message, block = job.message, job.block
+        cells = np.array(message["cells"], dtype=np.uint32)
+        common = {name: message[name] for name in ("run_id", "sweep_id", "block", "attempt")}
         common |= {"incarnation": self.incarnation, "cells": cells, "checksum": 0}
-        shown = np.flatnonzero(np.isin(cells, self.get_parameter("inspect").value or ()))
+        shown = np.flatnonzero(np.isin(cells, self._inspected or ()))
         for chunk in range(block.parameters.chunks):
-            began = time.perf_counter()
             output = block.advance()
-            result.compute_seconds += time.perf_counter() - began
             values = common | {"chunk": chunk, "samples": output.bridge_force.shape[1]}
             values["first_sample"] = chunk * values["samples"]
             messages = (
                 wire.encode("BridgeForce", values | {"data": output.bridge_force}),
                 wire.encode("StickSlip", values | {n: getattr(output, n) for n in wire.INTERVAL_FIELDS}),
             )
-            result.wait_seconds += self._await_credit(goal_handle)
-            if self._void(goal_handle):
-                return result, False
+            self._await_credit(job)
+            if self._void(job):
+                return False
             with self._lock:
-                self._window.sent((goal.block, chunk), messages, time.monotonic())
+                self._window.sent((message["block"], chunk), messages, time.monotonic())
             self._publish(messages)
             if shown.size:
                 self._show(values, output, shown)
-            result.chunks += 1
-        return result, True
+        return True
 
-    def _await_credit(self, goal_handle: Any) -> float:
-        began = time.monotonic()
+    def _await_credit(self, job: Job) -> None:
         while True:
             with self._lock:
-                if not self._window.full or self._void(goal_handle):
-                    return time.monotonic() - began
+                if not self._window.full or self._void(job):
+                    return
                 self._lock.wait(0.2)
             self._send_again()
 
     def _send_again(self) -> None:
         """Publish what stays unanswered although both consumers are alive."""
-        now = time.monotonic()
-        if any(now - self._consumers.get(role, ("", 0.0))[1] > 2.5 for role in CONSUMERS):
+        now = self.awake.now()
+        if not all(self.neighbours.of_role(role, now, self._run[0]) for role in CONSUMERS):
             return
         with self._lock:
-            overdue = self._window.overdue(now)
+            overdue = self._window.overdue(time.monotonic())
         for messages in overdue:
             self.health.duplicates += 1
             self._publish(messages)
 
     def _publish(self, messages: Sequence[bytes]) -> None:
-        for publisher, message in zip((self._force, self._slips), messages, strict=True):
-            publisher.publish(message)
-            self.health.bytes += len(message)
+        try:
+            for publisher, message in zip((self._force, self._slips), messages, strict=True):
+                publisher.publish(message)
+                self.health.bytes += len(message)
+        except RCLError as error:  # a subscriber hangs or is just leaving: what stays unanswered is sent again
+            self.get_logger().warning(f"a chunk did not go out: {error}", throttle_duration_sec=5.0)
         self.health.messages += len(messages)
 
     def _show(self, values: Mapping[str, Any], output: ChunkResult, rows: NDArray[np.intp]) -> None:
         """Publish the bridge force of some cells of a chunk, by their rows, for people to look at."""
         shown = {"cells": values["cells"][rows], "data": output.bridge_force[rows]}
-        self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
+        with contextlib.suppress(RCLError):  # for people to look at: a lost one is no loss
+            self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
 
     def close(self) -> None:
         """Stop the worker; what it has not finished the coordinator gives to another."""
@@ -333,8 +370,23 @@ class SimulatorNode(BowNode):
         self._worker.join(5.0)
 
 
-def _key(goal: Simulate.Goal) -> tuple[int, int, int]:
-    return goal.epoch, goal.block, goal.attempt
+def _prepare(message: Mapping[str, Any]) -> Block:
+    """Return the kernel's block for a message, everything in it checked.
+
+    Raises
+    ------
+    ParameterError, ValueError
+        Where it is none that can be computed.
+    """
+    spec = split(message["spec.settings"])
+    parameters = spec.parameters()
+    planned = spec.number("x", "count") * spec.number("y", "count")
+    check_block(len(message["cells"]), parameters)
+    cells = np.asarray(message["cells"], dtype=np.int64)
+    if cells.max() >= planned or len(np.unique(cells)) != len(cells):
+        raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
+    lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
+    return Block(parameters, lanes)
 
 
 def main() -> int:

@@ -17,7 +17,10 @@ RANGE, PEERS, SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS
 PROFILE, LEND = "FASTRTPS_DEFAULT_PROFILES_FILE", "RMW_FASTRTPS_USE_QOS_FROM_XML"
 DOMAIN = "ROS_DOMAIN_ID"
 
-SUBNET, LOCALHOST = "SUBNET", "LOCALHOST"
+OWN_FILE_ONLY = "SKIP_DEFAULT_XML_FILE"
+"""With 1, Fast DDS does not also read DEFAULT_FASTRTPS_PROFILES.xml of the working directory."""
+
+SUBNET, LOCALHOST, AS_PROFILE = "SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"
 
 LOOPBACK_PROFILE, NETWORK_PROFILE = "fastdds.xml", "fastdds_network.xml"
 """Our middleware profiles, in config/: UDP on 127.0.0.1 alone, and on every interface; both with shared memory."""
@@ -37,13 +40,20 @@ class ReachError(ValueError):
 
 def goes_beyond(environment: Mapping[str, str]) -> bool:
     """Return whether an environment asks for more than this machine."""
-    given = environment.get(RANGE, LOCALHOST).upper()
+    given = (environment.get(RANGE) or LOCALHOST).upper()
+    if given == AS_PROFILE and _is_loopback_profile(environment):
+        given = LOCALHOST
     return given not in (LOCALHOST, "OFF") or bool(environment.get(PEERS) or environment.get(SERVER))
+
+
+def _is_loopback_profile(environment: Mapping[str, str]) -> bool:
+    profile = find_profile(LOOPBACK_PROFILE)
+    return profile is not None and environment.get(PROFILE) == str(profile)
 
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
     """Return the variables that an environment leaves to us: how far, and the profile that goes with it."""
-    out = {} if RANGE in environment else {RANGE: LOCALHOST}
+    out = {} if environment.get(RANGE) else {RANGE: LOCALHOST}
     if PROFILE not in environment:
         profile = find_profile(NETWORK_PROFILE if goes_beyond(environment) else LOOPBACK_PROFILE)
         if profile is not None:
@@ -125,4 +135,19 @@ def _own_address(peer: str) -> str:
 
 def apply_defaults() -> None:
     """Fill in the environment of this process, before it loads the middleware."""
-    os.environ.update(defaults(os.environ))
+    os.environ.update(as_loaded(os.environ))
+
+
+def as_loaded(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables that the middleware is loaded with.
+
+    Our loopback profile says all that LOCALHOST means: where ROS is told LOCALHOST, it adds a UDP transport on every
+    interface to those of a profile, and one more in shared memory.
+    """
+    out = defaults(environment)
+    result = {**environment, **out}
+    if PROFILE in out:
+        out.setdefault(OWN_FILE_ONLY, "1")
+    if result[RANGE].upper() == LOCALHOST and not goes_beyond(result) and _is_loopback_profile(result):
+        out[RANGE] = AS_PROFILE
+    return out

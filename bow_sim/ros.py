@@ -10,32 +10,35 @@ import resource
 import signal
 import socket
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import rclpy
 from bow_msgs.msg import Health
+from builtin_interfaces.msg import Time
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from . import reach
+from . import environment, reach
 from .credit import LIMIT
+from .diagnosis import network_hints
 from .identity import random_id
+from .neighbours import LEFT, AwakeClock, Neighbour, Neighbours
+from .notes import Note
 
 RCLError = rclpy_implementation.RCLError
 
 NAMESPACE = "/bow"
 """Where nodes live unless remapped (``-r __ns:=``); `bow sweep` gives each run a namespace of its own below it."""
-
-CONSUMERS = ("recorder", "classifier")
-"""Roles of the nodes that take the streams whole: everybody waits for them."""
 
 STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 """verdicts, receipts, subscribers of the streams: nothing is dropped; credit bounds what is under way."""
@@ -49,6 +52,9 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 
 HEARD = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For subscribers of plan and health: publishers share the room of a subscriber, none must push out another's word."""
+
+WORK = QoSProfile(depth=512, reliability=ReliabilityPolicy.RELIABLE)
+"""blocks: two for each of 64 simulators, with room; one that is lost is sent again."""
 
 INSPECT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 """inspect: pictures for people; a lost one is no loss."""
@@ -64,8 +70,18 @@ class StartupError(Exception):
     """A node cannot start: a parameter is wrong, or a directory cannot be used. The message is for people."""
 
 
+SINGLE = ("coordinator", "recorder", "classifier")
+"""Roles of which a namespace has one node, whatever it is called; of the others one of each name."""
+
+LOOK_S = 0.05
+"""Between two looks at whether a heartbeat is due."""
+
+SAY_S, REMIND_S = 1.0, 20.0
+"""A node that waits for others for so long says for whom; and again, with what to look at."""
+
+
 class BowNode(Node):
-    """A node with a role, an incarnation and a heartbeat on ``health``.
+    """A node with a role, an incarnation and a heartbeat on ``health``. Its timers do not depend on any clock of ROS.
 
     Attributes
     ----------
@@ -73,14 +89,21 @@ class BowNode(Node):
         Random, new at every start: tells others that state kept here is gone.
     health
         The message of the next heartbeat: count messages, bytes, duplicates and ignored ones in its fields.
-    finished
-        Set it when the node has nothing more to do: its process then ends with status 0.
+    neighbours
+        The other nodes of the namespace.
+    awake
+        Clock for what the others do: it stands still while this process is stopped.
+    finished, status
+        Set `finished` when the node has nothing more to do: its process then ends with exit status `status`.
     """
 
     finished = False
+    status = 0
 
-    def __init__(self, role: str, name: str | None = None) -> None:
-        super().__init__(name or role, namespace=NAMESPACE)
+    def __init__(
+        self, role: str, name: str | None = None, namespace: str = NAMESPACE, context: Context | None = None
+    ) -> None:
+        super().__init__(name or role, namespace=namespace, context=context)
         self.incarnation = random_id()
         self.health = Health(
             role=role,
@@ -89,16 +112,43 @@ class BowNode(Node):
             host=socket.gethostname(),
             pid=os.getpid(),
             state=Health.STARTING,
+            started=self.wall_time(),
         )
+        self.awake = AwakeClock()
+        self.neighbours = Neighbours(self.incarnation, self.health.host, self.cares)
+        self._next_beat = self._say_at = 0.0
+        self._said = False
         self._health_publisher = self.create_publisher(Health, "health", LATCHED)
-        self.create_timer(HEALTH_PERIOD_S, self.beat)
+        self.create_subscription(Health, "health", self._take_health, HEARD)
+        self.every(LOOK_S, self._beat_when_due)
         self.beat()
+
+    def every(self, seconds: float, do: Callable[[], None]) -> None:
+        """Call `do` again and again, by the steady clock: with use_sim_time ROS's own stands still."""
+        self.create_timer(seconds, do, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @staticmethod
+    def wall_time() -> Time:
+        """Return the system's time, as a stamp."""
+        return Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+
+    # ---- the heartbeat
 
     def beat(self) -> None:
         """Publish the state of this node now."""
-        self.health.stamp = self.get_clock().now().to_msg()
+        now = self.awake.now()
+        self._next_beat = now + HEALTH_PERIOD_S
+        self.health.stamp = self.wall_time()
+        self.health.number += 1
         self.health.rss = resident_bytes()
+        self.health.hears = self.neighbours.hears(now)
         self._health_publisher.publish(self.health)
+
+    def _beat_when_due(self) -> None:
+        now = self.awake.now()
+        if self.neighbours.changed or now >= self._next_beat:
+            self.beat()
+        self._remind(now)
 
     def become(self, state: int, detail: str = "", run: str | None = None) -> None:
         """Change the published state; say so at once if it is another one."""
@@ -106,7 +156,71 @@ class BowNode(Node):
         changed = (self.health.state, self.health.detail, self.health.run_id) != (state, detail, run)
         self.health.state, self.health.detail, self.health.run_id = state, detail, run
         if changed:
+            self._say_at = self.awake.now() + SAY_S
+            self._said = False
             self.beat()
+
+    def _remind(self, now: float) -> None:
+        """Say for whom this node waits, once it lasts; again and with more from time to time."""
+        if now < self._say_at:
+            return
+        again, self._said, self._say_at = self._said, True, now + REMIND_S
+        if not again:
+            if self.health.state == Health.STARTING and self.health.detail:
+                self.get_logger().info(self.health.detail)
+        elif not self.neighbours.any_alive(now):
+            hints = "; ".join(network_hints(os.environ))
+            self.get_logger().warning(f"no other node is heard in {self.get_namespace()}; look at: {hints}")
+        elif self.health.state == Health.STARTING and self.health.run_id:
+            self.get_logger().warning(f"still {self.health.detail}")
+
+    # ---- the others
+
+    def cares(self, role: str, node: str) -> bool:
+        """Whether the heartbeats of a node matter here, so that it is told that they arrive."""
+        return True
+
+    def heard(self, topic: str, incarnation: str) -> None:
+        """A message of another node has come on a topic."""
+        self.neighbours.heard(topic, incarnation, self.awake.now())
+
+    def works_for(self, incarnation: str, run_id: str) -> bool:
+        """Return whether a coordinator is there, answers us, and works for a run."""
+        known = self.neighbours.get(incarnation)
+        alive = self.neighbours.is_alive(incarnation, self.awake.now())
+        return known is not None and alive and known.is_live and known.run_id == run_id
+
+    def _take_health(self, message: Health) -> None:
+        if message.incarnation == self.incarnation:
+            return
+        if self.neighbours.is_old(message):
+            self.health.ignored += 1
+            return
+        neighbour = self.neighbours.take(message, self.awake.now())
+        rival = self.neighbours.rival(
+            self.health.role,
+            self.health.node,
+            (self.health.started.sec, self.health.started.nanosec),
+            self.health.role in SINGLE,
+        )
+        if rival is not None and not self.finished:
+            self._give_way(rival)
+            return
+        self.on_health(message, neighbour)
+
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Take in a heartbeat; `neighbour` is None where it says that a node has gone."""
+
+    def _give_way(self, rival: Neighbour) -> None:
+        """End, as there is another of this role or name."""
+        what = (
+            f"{rival.node} is there already (process {rival.pid} on {rival.host}); a namespace has one "
+            f"{self.health.role if self.health.role in SINGLE else 'node of a name'}: end it, or give this one another "
+            "namespace or name (-r __ns:=, -r __node:=)"
+        )
+        self.get_logger().error(what)
+        self.finished, self.status = True, 1
+        self.become(Health.FAILED, what)
 
     def close(self) -> None:
         """Leave nothing half-done behind; called once, while publishing may no longer be possible."""
@@ -115,22 +229,6 @@ class BowNode(Node):
 def resident_bytes() -> int:
     """Return the resident memory of this process in bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-
-
-def has_met(node: Node, publisher: Publisher, names: Iterable[str]) -> bool:
-    """Return whether subscribers of these node names, in the node's own namespace, have met a publisher of its.
-
-    What a volatile publisher says before that is lost to them.
-    """
-    listeners = node.get_subscriptions_info_by_topic(publisher.topic_name)
-    ours = {info.node_name for info in listeners if info.node_namespace == node.get_namespace()}
-    return set(names) <= ours and publisher.get_subscription_count() >= len(listeners)
-
-
-def publishes(node: Node, name: str, topic: str) -> bool:
-    """Return whether a node of this name, in the node's own namespace, publishes on a topic."""
-    infos = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    return any(info.node_name == name and info.node_namespace == node.get_namespace() for info in infos)
 
 
 def keep_memory() -> None:
@@ -173,6 +271,14 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
     if {"-h", "--help"} & set(remove_ros_args(arguments)[1:]):
         print(description.strip())
         return 0
+    environment.open_streams()
+    try:
+        ignored = environment.settle()
+    except environment.EnvironmentProblem as error:
+        print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
+        return 2
+    if ignored:
+        print(ignored, file=sys.stderr)
     reach.apply_defaults()
     keep_memory()
     interrupt_less()
@@ -183,6 +289,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         signal.signal(number, lambda number, _: told.append(number))
     gc.freeze()  # what is imported stays
     gc.enable()
+    note = Note()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     try:
@@ -190,6 +297,8 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         executor.add_node(node)
         while not (told or node.finished):
             executor.spin_once(timeout_sec=0.1)
+            note.update()
+        status = node.status
     except (StartupError, ParameterException) as error:
         print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
         status = 1
@@ -201,7 +310,7 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
             try:
                 node.close()
                 end_after(LEAVE_S)
-                node.become(Health.CLOSED, "left")
+                node.become(Health.CLOSED, LEFT)
             except Exception:
                 traceback.print_exc()
                 status = 1
@@ -213,11 +322,17 @@ def live(make: Callable[[], BowNode], args: Sequence[str] | None = None, descrip
         node = None
         del executor
         leave()
+        note.close()
         end_after(0)
     return status
 
 
 def end_after(seconds: int) -> None:
-    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all."""
+    """Have this process ended by SIGALRM, whatever it waits for then; 0: not after all.
+
+    Only from the main thread: a process with others is not ours to end.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(seconds)

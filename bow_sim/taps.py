@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.model import FUNCTIONS, ParameterError
+from bow_sim.tables import COMMENTS, number, read_text, rows
 
 GAIN_TOLERANCE = 1e-6
 """By how much a gain may exceed 1, for the rounding of printed taps."""
@@ -204,7 +206,7 @@ def read(path: str | Path) -> str:
     ----------
     path : str or Path
         The text form itself; or JSON, an object with ``first``, ``taps`` and perhaps ``tail``, ``pole`` and
-        ``tail_first``; or a table of two columns, lag in samples and value, ``#`` before comments.
+        ``tail_first``; or a table of two columns, lag in samples and value, as :mod:`bow_sim.tables` reads it.
 
     Raises
     ------
@@ -212,13 +214,14 @@ def read(path: str | Path) -> str:
         If the file cannot be read or has none of these forms.
     """
     try:
-        content = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        content = read_text(path)
+    except (OSError, ValueError) as error:
         raise ParameterError(f"{path}: cannot be read: {error}") from None
     if content.lstrip().startswith("{"):
         return _from_json(content, str(path)).text()
-    if "first=" in content:
-        return parse(content, str(path)).text()
+    if re.search(r"\bfirst\s*=", content):
+        bare = " ".join(COMMENTS.sub("", line) for line in content.split("\n"))
+        return parse(re.sub(r"\s*([=,])\s*", r"\1", bare), str(path)).text()
     return _from_table(content, str(path)).text()
 
 
@@ -261,16 +264,19 @@ def _from_json(content: str, path: str) -> Reflection:
 
 def _from_table(content: str, path: str) -> Reflection:
     values: dict[int, float] = {}
-    for number, line in enumerate(content.splitlines(), 1):
-        words = line.partition("#")[0].replace(",", " ").split()
-        if not words:
-            continue
+    try:
+        table = list(rows(content))
+    except ValueError as error:
+        raise ParameterError(f"{path}, {error}") from None
+    for line, words in table:
         if len(words) != 2:
-            raise ParameterError(f"{path}, line {number}: {_short(line)!r}: must be a lag in samples and a value")
-        lag = _lag(words[0], f"{path}, line {number}: lag")
+            raise ParameterError(
+                f"{path}, line {line}: {_short(' '.join(words))!r}: must be a lag in samples and a value"
+            )
+        lag = _lag(words[0], f"{path}, line {line}: lag")
         if lag in values:
-            raise ParameterError(f"{path}, line {number}: lag {lag}: must be there once only")
-        values[lag] = _number(words[1], f"{path}, line {number}: value")
+            raise ParameterError(f"{path}, line {line}: lag {lag}: must be there once only")
+        values[lag] = _number(words[1], f"{path}, line {line}: value")
     if not values:
         raise ParameterError(f"{path}: must have lines of a lag in samples and a value, or be JSON")
     first, last = min(values), max(values)
@@ -281,7 +287,7 @@ def _from_table(content: str, path: str) -> Reflection:
 
 def _number(text: str, name: str) -> float:
     try:
-        value = float(text)
+        value = number(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
@@ -291,9 +297,12 @@ def _number(text: str, name: str) -> float:
 
 def _lag(text: str, name: str) -> int:
     try:
-        return int(text)
+        value = number(text)
     except ValueError:
-        raise ParameterError(f"{name} = {_short(text)!r}: must be a whole number of samples") from None
+        value = math.nan
+    if not value.is_integer():  # 124.0 and 1.24e2 are
+        raise ParameterError(f"{name} = {_short(text)!r}: must be a whole number of samples")
+    return int(value)
 
 
 def _short(text: str) -> str:

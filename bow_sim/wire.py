@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xxhash
 
-from .messages import FIELDS, SHORT_TEXT, is_sealed
+from .messages import ADDED, FIELDS, SHORT_TEXT, is_sealed
 
 __all__ = [
     "ENCAPSULATION",
@@ -38,6 +38,8 @@ __all__ = [
     "decode",
     "decode_head",
     "encode",
+    "hello",
+    "hello_from",
     "identity",
     "is_sealed",
     "unseal",
@@ -252,7 +254,12 @@ def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any]
                 values[field] = np.frombuffer(body, dtype, count, at)
                 at += count * item
             elif kind == "string":
-                values[field], at = _string(name, field, body, at)
+                try:
+                    values[field], at = _string(name, field, body, at)
+                except (struct.error, WireError):
+                    if ADDED.get(name) != field or size - at > SLACK:
+                        raise
+                    values[field] = ""
             elif kind == "text":
                 (short,) = form.unpack_from(body, at)
                 if not short.isascii():
@@ -294,6 +301,37 @@ def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]
     except UnicodeDecodeError as error:
         where = at + len(ENCAPSULATION)
         raise WireError(f"{name}.{field}: the string at byte {where} is not UTF-8: {error}") from None
+
+
+HELLO_BYTES = 400
+"""A hello is smaller; what is smaller may be one."""
+
+_EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: ""}
+
+
+def hello(name: str, incarnation: str) -> bytes:
+    """Return message `name` of a stream without cells: it shows that the node's messages arrive, and says nothing else.
+
+    Parameters
+    ----------
+    name
+        "BridgeForce", "StickSlip" or "Verdicts".
+    incarnation
+        Of the node that publishes it.
+    """
+    values: dict[str, Any] = {field: _EMPTY.get(kind, ()) for field, kind in FIELDS[name].items()}
+    return encode(name, {**values, "incarnation": incarnation, "offsets": (0,)})
+
+
+def hello_from(name: str, data: Buffer) -> str:
+    """Return the incarnation of the node that a hello comes from; "" where the message is none."""
+    if len(data) > HELLO_BYTES:
+        return ""
+    try:
+        values = unseal(name, data)
+    except WireError:
+        return ""
+    return "" if len(values["cells"]) else str(values["incarnation"])
 
 
 def identity(values: Mapping[str, Any]) -> Identity:

@@ -6,6 +6,7 @@ from array import array
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
 from bow_msgs.action import RunSweep
 from bow_msgs.msg import Health, Plan, SweepSpec
 from builtin_interfaces.msg import Time
@@ -13,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Image
 
 from bow_classifier.regimes import REGIMES
+from bow_sim import wire
 from bow_sim.identity import fingerprint
 
 from .basin import Basin
@@ -40,8 +42,8 @@ def spec_message(run: Run) -> SweepSpec:
     return SweepSpec(preset=run.sweep.preset, settings=list(run.sweep.settings()))
 
 
-def plan_message(run: Run, state: int) -> Plan:
-    """Return the plan of a run with the state of every block."""
+def plan_message(run: Run, state: int, incarnation: str) -> Plan:
+    """Return the plan of a run with the state of every block, from the coordinator of this incarnation."""
     return Plan(
         run_id=run.run_id,
         sweep_id=run.sweep.sweep_id,
@@ -52,7 +54,30 @@ def plan_message(run: Run, state: int) -> Plan:
         classifier=run.sweep.thresholds.hash,
         block_states=bytes(BLOCK_STATES.get(block.state, Plan.OUTSTANDING) for block in run.ledger.blocks),
         rounds=run.blocks.announce().tobytes(),
+        incarnation=incarnation,
     )
+
+
+def block_message(run: Run, coordinator: str, simulator: str = "", block: int = 0, attempt: int = 0) -> bytes:
+    """Return a Block: one to compute, for the simulator of an incarnation, or without one an empty one for all."""
+    cells = run.blocks.block(block) if simulator else np.zeros(0, np.uint32)
+    lanes = run.sweep.lanes(cells)
+    values = {
+        "run_id": run.run_id,
+        "sweep_id": run.sweep.sweep_id,
+        "coordinator": coordinator,
+        "simulator": simulator,
+        "epoch": run.ledger.epoch,
+        "fingerprint": fingerprint(),
+        "spec.preset": run.sweep.preset,
+        "spec.settings": run.sweep.settings(),
+        "block": block,
+        "attempt": attempt,
+        "cells": cells,
+        "x": lanes[run.sweep.x.name],
+        "y": lanes[run.sweep.y.name],
+    }
+    return wire.encode("Block", values)
 
 
 def map_message(run: Run, basin: Basin) -> dict[str, Any]:

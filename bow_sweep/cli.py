@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import sys
+
+from .start import command
+
+if __name__ == "__main__":
+    sys.exit(command())
+
 import argparse
-import gc
 import importlib
 import json
-import os
-import sys
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from bow_classifier.thresholds import Thresholds
+from bow_sim import environment
 from bow_sim.model import ParameterError, Parameters
 from bow_sim.taps import embed_files
 
@@ -128,6 +133,12 @@ def _replay(args: argparse.Namespace) -> int:
 
     judge = judge_here
     if args.graph:
+        try:
+            ignored = environment.settle()
+        except environment.EnvironmentProblem as error:
+            return fail(str(error))
+        if ignored:
+            print(f"bow: {ignored}", file=sys.stderr)
         from .record.replay_graph import judge_in_graph as judge
     try:
         result = replay(args.directory, settings=args.settings, progress=percentages("replay"), judge=judge)
@@ -216,26 +227,20 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
+    environment.open_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and words[0] in NODES:  # argparse would take --help and --ros-args for its own
         return _node(argparse.Namespace(command=words[0], arguments=words[1:]))
     args = parser().parse_args(words)
     try:
         status: int = args.run(args)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        sys.stdout.flush()
     except KeyboardInterrupt:
         return fail("interrupted", INTERRUPTED)
+    except OSError as error:
+        if error.filename is not None:
+            return fail(str(error), FAILED)
+        environment.silence("stdout")
+        nobody_reads = isinstance(error, BrokenPipeError)  # as `bow settings | head` does
+        return FAILED if nobody_reads else fail(f"standard output: {error.strerror}", FAILED)
     return status
-
-
-def command() -> int:
-    """Entry point of the command `bow`."""
-    status = main()
-    gc.freeze()  # all of it goes with the process: looking for garbage in it would take a fifth of a second
-    return status
-
-
-if __name__ == "__main__":
-    sys.exit(command())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import shlex
@@ -11,15 +12,19 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bow_sim import reach
+from bow_sim import environment, reach
 from bow_sim.identity import random_id
 from bow_sim.model import MODELS, ParameterError
 from bow_sim.taps import embed_files
 
 from .campaign import FILE, Campaign, campaigns, report
 from .plan import Sweep, presets
+from .view.wanted import Wanted, WantedError, wanted
+
+if TYPE_CHECKING:
+    from .claim import Claim
 
 DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 """Exit statuses."""
@@ -27,12 +32,35 @@ DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
 
 def fail(message: str, status: int = USAGE) -> int:
     """Say what is wrong and return the exit status."""
-    print(f"bow: {message}", file=sys.stderr)
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(f"bow: {message}", file=sys.stderr)
     return status
+
+
+def tell(text: str) -> None:
+    """Print what there is to say of a finished sweep; where that cannot be, only words are lost."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        environment.silence("stdout")
+        fail(f"the sweep is done, but standard output: {error.strerror}")
+
+
+MOST_A_CORE = 8
+"""Simulators that start well on a core. More take each other's time until they hear each other, and compute no faster:
+of 64 on two cores none began within minutes."""
+
+MOST = 64
+"""Simulators of one graph on one machine: each hears every other node."""
 
 
 def _cores() -> int:
     return len(os.sched_getaffinity(0))
+
+
+def bounded(simulators: int, cores: int) -> int:
+    """Return how many simulators are started where so many are asked for."""
+    return min(simulators, MOST_A_CORE * cores, MOST)
 
 
 def add_command(commands: Any) -> None:
@@ -62,7 +90,13 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
-    parser.add_argument("--simulators", metavar="N", type=int, default=_cores(), help="processes (default: one a core)")
+    parser.add_argument(
+        "--simulators",
+        metavar="N",
+        type=int,
+        default=bounded(_cores(), _cores()),
+        help="processes (default: one a core)",
+    )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
     parser.add_argument("--resume", metavar="RUN", type=Path, help="go on with this run directory")
     parser.add_argument(
@@ -73,7 +107,7 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("--view", action="store_true", help="open the rerun viewer and watch the map grow")
     parser.add_argument(
-        "--port", metavar="P", type=int, default=0, help="serve the dashboard to `rerun --connect` on P"
+        "--port", metavar="P", default="0", help="serve the dashboard to `rerun --connect` on P of 127.0.0.1"
     )
     parser.add_argument("--no-dashboard", action="store_true", help="no dashboard node, no dashboard.rrd")
     parser.add_argument(
@@ -101,10 +135,16 @@ class _Job:
 
 
 def _sweep(args: argparse.Namespace) -> int:
+    from .claim import claim, take_up
     from .run import RunError
 
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
+    try:
+        dashboard = wanted(args.view, args.port, args.no_dashboard)
+        ignored = environment.settle()
+    except (WantedError, environment.EnvironmentProblem) as error:
+        return fail(str(error))
     if args.network:
         try:
             os.environ.update(reach.asked(args.network))
@@ -114,9 +154,11 @@ def _sweep(args: argparse.Namespace) -> int:
     if args.resume and (args.preset or short or args.settings or args.out):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
     campaign = None
+    held: Claim | None = None
     try:
         if args.resume:
-            directory = args.resume.resolve()
+            held = take_up(args.resume.resolve(), not args.no_lock)
+            directory = held.directory
             if (directory / FILE).exists():
                 campaign = Campaign.in_directory(directory)
             locks = not args.no_lock
@@ -129,21 +171,29 @@ def _sweep(args: argparse.Namespace) -> int:
             else:
                 jobs = {"": _Job(Path(), random_id(), Sweep.from_spec(args.preset, settings))}
             name = args.preset or jobs[""].sweep.parameters.model
-            directory = (args.out or Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}").resolve()
-            problem = _directory_problem(directory)
-            if problem:
-                return fail(problem)
+            held = claim(args.out, name, not args.no_lock)
+            directory = held.directory
             jobs = {preset: replace(job, directory=directory / preset) for preset, job in jobs.items()}
             if campaign:
                 campaign.begin(directory)
-    except (ParameterError, RunError) as error:
+    except (ParameterError, RunError, OSError) as error:
+        if held is not None:
+            held.release()
         return fail(str(error))
-    status = _run(args, directory, list(jobs.values()))
+    if ignored:
+        print(f"bow: {ignored}", file=sys.stderr)
+    most = bounded(args.simulators, _cores())
+    if most < args.simulators:
+        print(f"bow: --simulators {args.simulators}: {most} are started, more do not start well here", file=sys.stderr)
+        args.simulators = most
+    left_out: list[Path] = []
+    status = _run(args, held, list(jobs.values()), dashboard, left_out)
     if status != DONE:
         return status
     if campaign:
-        return _conclude(campaign, directory)
-    print(("" if jobs else "nothing to do: every block of this run is done or quarantined\n\n") + _summary(directory))
+        return _conclude(campaign, directory, left_out)
+    nothing = "" if jobs else "nothing to do: every block of this run is done or quarantined\n\n"
+    tell(nothing + _summary(directory, left_out))
     return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
 
 
@@ -167,31 +217,18 @@ def _unfinished(campaign: Campaign, directory: Path, locks: bool) -> dict[str, _
     return left
 
 
-def _directory_problem(directory: Path) -> str:
-    """Return why a new run cannot go into `directory`, or ""; makes it."""
-    if directory.exists() and not directory.is_dir():
-        return f"--out {directory}: is a file; should be a directory that is new or empty"
-    try:
-        if directory.is_dir() and any(directory.iterdir()):
-            return f"--out {directory}: is not empty; choose a new one, or go on with --resume {directory}"
-        directory.mkdir(parents=True, exist_ok=True)
-        probe = directory / ".writable"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        return f"--out {directory}: cannot be written: {error.strerror}"
-    return ""
-
-
-def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int:
-    """Carry out runs, one after the other, on one display."""
+def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard: Wanted, left_out: list[Path]) -> int:
+    """Carry out runs on one display and let go of their directory; add the logs of what was left out."""
     from .conduct import conduct
     from .display import Display
     from .supervisor import GraphError
 
     display = Display()
-    dashboard = None if args.no_dashboard else {"view": args.view, "port": args.port}
-    again = f"go on with: bow sweep --resume {shlex.quote(str(directory))}"
+    for note in dashboard.notes:
+        display.say(note)
+    again = f"go on with: bow sweep --resume {shlex.quote(str(held.directory))}"
+    unbegun = "no run was begun, and nothing is left of it: the same command can be given again"
+    runs = [job.directory for job in jobs]
     total = sum(job.sweep.budget for job in jobs)
     before = 0
     if args.no_lock:
@@ -208,21 +245,24 @@ def _run(args: argparse.Namespace, directory: Path, jobs: Sequence[_Job]) -> int
             if reach.goes_beyond(os.environ):
                 display.say(f"other machines join with: {reach.joining(f'/bow/{job.run_id}', os.environ)}")
             job.directory.mkdir(exist_ok=True)
-            options = {"simulators": args.simulators, "dashboard": dashboard, "display": display}
+            shown = None if left_out else dashboard.parameters  # one that could not live once is left out for good
+            options = {"simulators": args.simulators, "dashboard": shown, "display": display}
             options |= {"sync": not args.no_sync, "lock": not args.no_lock}
-            conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
-            problem = _self_check(job, display.say)
-            if problem:
+            left_out += conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
+            if problem := _self_check(job, display.say):
                 display.stop()
+                held.release(*runs)
                 return fail(problem, FAILED)
             before += job.sweep.budget
     except KeyboardInterrupt:
         display.stop()
-        return fail(f"interrupted; nothing is lost, {again}", INTERRUPTED)
-    except GraphError as error:
+        begun = held.release(*runs)
+        return fail(f"interrupted; {f'nothing is lost, {again}' if begun else unbegun}", INTERRUPTED)
+    except (GraphError, OSError) as error:
         display.stop()
-        return fail(f"{error}\n{again}", FAILED)
+        return fail(f"{error}\n{again if held.release(*runs) else unbegun}", FAILED)
     display.stop()
+    held.release(*runs)
     return DONE
 
 
@@ -261,10 +301,9 @@ SHOWN = 5
 """Problems of a self-check on the screen."""
 
 
-def _conclude(campaign: Campaign, directory: Path) -> int:
+def _conclude(campaign: Campaign, directory: Path, left_out: Sequence[Path] = ()) -> int:
     """Report on a finished campaign, and draw the figure that it makes."""
     from .commands_paper import draw_maps
-    from .view.maps import MapFileError
 
     found = report(directory, campaign)
     drawn = False
@@ -272,17 +311,17 @@ def _conclude(campaign: Campaign, directory: Path) -> int:
         try:
             draw_maps(campaign.figure, [directory / preset for preset in campaign.presets], directory / "maps.png")
             drawn = True
-        except MapFileError as error:  # the settings make it another one
+        except Exception as error:  # MapFileError: the settings make it another one; else as write_results
             print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
-    print(f"{campaign.title}\n")
+    tell("\n".join([campaign.title, *map(_left_out, left_out), ""]))
     for preset, run in found["runs"].items():
         length = run["median_transient_periods"]
-        print(
+        tell(
             f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
             + (f", median transient {length:g} periods" if length else "")
         )
     cells = found["cells"]
-    print(
+    tell(
         f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
         f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
         + ("  maps.png        all maps, to look at\n" if drawn else "")
@@ -298,7 +337,21 @@ def _report(directory: Path) -> dict[str, Any]:
     return report
 
 
-def _summary(directory: Path) -> str:
+FILES = {
+    "map.png": "the basin map, to look at",
+    "map.npz": "the same as arrays",
+    "dashboard.rrd": "rerun {path}",
+    "bag": "every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
+    "report.json": "accounts, versions, parameters",
+}
+"""What a run directory has for people; pictures may be missing."""
+
+
+def _left_out(log: Path) -> str:
+    return f"without {log.stem} to its end: see {log}"
+
+
+def _summary(directory: Path, left_out: Sequence[Path] = ()) -> str:
     report = _report(directory)
     cells = report["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["regimes"].items() if count)
@@ -308,13 +361,14 @@ def _summary(directory: Path) -> str:
         f"{cells['done']} of {cells['planned']} cells in {report['wall_seconds']:.1f} s; "
         f"Helmholtz motion in {report['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
+        *map(_left_out, left_out),
         "",
         f"{directory}/",
-        "  map.png         the basin map, to look at",
-        "  map.npz         the same as arrays",
-        f"  dashboard.rrd   rerun {shlex.quote(str(directory / 'dashboard.rrd'))}",
-        "  bag/            every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
-        "  report.json     accounts, versions, parameters",
+        *(
+            f"  {name + '/' * (directory / name).is_dir():15} {what.format(path=shlex.quote(str(directory / name)))}"
+            for name, what in FILES.items()
+            if (directory / name).exists()
+        ),
         "",
         f"check it: bow verify {shlex.quote(str(directory))}",
     ]

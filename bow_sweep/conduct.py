@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import gc
+import json
+import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +14,13 @@ import numpy as np
 from .display import Display
 from .ending import Ending
 from .plan import Sweep
+from .run import REPORT, RunError, is_finished, read_ledger
 from .supervisor import Supervisor
 
 LOGS = "log"
+AT_ONCE, BETWEEN_S = 8, 0.1
+"""So many simulators are started at once, and the others so long after one another: all begin by using a whole core."""
+
 INSPECTED = 6
 """Cells whose waveforms the dashboard shows unless told else."""
 
@@ -27,6 +34,17 @@ def inspected_cells(sweep: Sweep) -> list[int]:
     return np.unique((y * sweep.x.count + x)[nearest]).tolist()
 
 
+def has_finished(directory: Path) -> bool:
+    """Return whether the latest coordinator of a run has written its report, which is the last that it does."""
+    try:
+        entries = read_ledger(directory)
+        report = json.loads((directory / REPORT).read_text())
+    except (RunError, OSError, ValueError):
+        return False
+    latest = max(entry.get("epoch", 0) for entry in entries)
+    return is_finished(directory, entries) and report.get("epoch") == latest
+
+
 def conduct(
     directory: Path,
     run_id: str,
@@ -38,8 +56,8 @@ def conduct(
     display: Display,
     sync: bool = True,
     lock: bool = True,
-) -> None:
-    """Run the graph until the run in `directory` is finished.
+) -> list[Path]:
+    """Run the graph until the run in `directory` is finished; return the logs of what was left out of it.
 
     Parameters
     ----------
@@ -75,7 +93,7 @@ def conduct(
         "dashboard": {"run_dir": str(directory), **(dashboard or {})},
         "simulator": {"inspect": inspected_cells(sweep)},
     }
-    supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
+    supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory))
     finished = False
     gc.disable()  # nothing that the start loads becomes garbage
     with Ending("stopping the processes; a few seconds") as ending:
@@ -84,8 +102,12 @@ def conduct(
                 supervisor.start(role)
             with ending.at_once():
                 _load_compiled(sweep)
-            for role in ["classifier"] + ["simulator"] * simulators:
-                supervisor.start(role)
+            supervisor.start("classifier")
+            for number in range(simulators):
+                if number >= AT_ONCE:
+                    time.sleep(BETWEEN_S)
+                    ending.check()
+                supervisor.start("simulator")
             if dashboard is not None:  # last, as nobody waits for it
                 supervisor.start("dashboard")
             from .watch import watch  # it loads ROS: a process with DDS should not be copied
@@ -95,8 +117,10 @@ def conduct(
             finished = True
         finally:
             killed = supervisor.stop(idle=finished)
+            gc.enable()
             if killed:
                 display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
+    return supervisor.left_out
 
 
 def _load_compiled(sweep: Sweep) -> None:

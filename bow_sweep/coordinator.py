@@ -8,19 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bow_msgs.action import RunSweep, Simulate
-from bow_msgs.msg import BasinMap, Health, Plan, Receipt, Verdicts
+from bow_msgs.action import RunSweep
+from bow_msgs.msg import BasinMap, Block, Health, Plan, Receipt, Verdicts
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from sensor_msgs.msg import Image
 
 from bow_sim import wire
-from bow_sim.identity import fingerprint, random_id
+from bow_sim.identity import random_id
 from bow_sim.model import ParameterError
-from bow_sim.ros import CONSUMERS, HEARD, LATCHED, STREAM, BowNode, StartupError, live, publishes
+from bow_sim.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neighbour
+from bow_sim.ros import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError, live
 
 from . import announce
+from .closing import DRAW_S, DRAW_SAY_S, waits_for
+from .consumers import Consumers
 from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Record, Settled, State, Tick, receipted
 from .plan import Sweep
 from .pool import Pool
@@ -34,18 +37,15 @@ usage: ros2 run bow coordinator [--ros-args -r __ns:=/bow/RUN -p preset:=fig11d 
 
 Runs sweeps. With `preset` or `settings` it begins one at once; otherwise it waits for a goal:
   ros2 action send_goal -f /bow/run_sweep bow_msgs/action/RunSweep "{spec: {preset: fig11d, settings: ['x.count=16']}}"
-It hands out blocks as soon as a recorder, a classifier and at least one simulator are in its namespace (default /bow),
-and leaves each run in <runs_dir>/<run_id>.
+It hands out blocks as soon as a recorder, a classifier and at least one simulator are in its namespace (default /bow)
+and say that they hear each other, and leaves each run in <runs_dir>/<run_id>.
 """
 
 TICK_S = 0.2
 """Between two looks at the pool, two maps and two progress messages: 5 Hz."""
 
-IDLE_S = 10.0
-"""After the plan has closed, a dashboard that is starting, or has no run yet, has this long to take this one up."""
-
-CLOSE_S = 60.0
-"""The recorder has this long to close the bag before the results are written without it."""
+ANNOUNCE_S = 1.0
+"""The plan is said again so often as long as recorder or classifier have not taken it up."""
 
 
 class CoordinatorNode(BowNode):
@@ -61,52 +61,42 @@ class CoordinatorNode(BowNode):
             "resume": "directory of a run to go on with at once",
         }
         defaults = {"runs_dir": "runs"}
-        text = {
-            name: self.declare_parameter(name, defaults.get(name, ""), ParameterDescriptor(description=what)).value
-            for name, what in texts.items()
-        }
-        settings = self.declare_parameter(
-            "settings", [""], ParameterDescriptor(description='"name=value" settings over the preset')
-        ).value
-        once = ParameterDescriptor(description="end this process when the first run is finished")
-        self._once = self.declare_parameter("once", False, once).value
-        shown = ParameterDescriptor(description="a dashboard was started: end a run only when it has drawn it")
-        self._shown = self.declare_parameter("dashboard", False, shown).value
-        lock = ParameterDescriptor(description="lock run directories", read_only=True)
-        self._locks = self.declare_parameter("lock", True, lock).value
+        text = {name: self._declared(name, defaults.get(name, ""), what) for name, what in texts.items()}
+        settings = self._declared("settings", [""], '"name=value" settings over the preset')
+        self._once = self._declared("once", False, "end this process when the first run is finished")
+        self._shown = self._declared("dashboard", False, "a dashboard was started: end a run only when it has drawn it")
+        self._locks = self._declared("lock", True, "lock run directories; false: not, for file systems without locks")
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._run: Run | None = None
         self._goal: Any = None
         self._closing = False
         self._nodes: dict[str, Health] = {}
-        self._consumers: dict[str, str] = {}
-        self._ready: set[str] = set()
+        self._consumers = Consumers(self.neighbours, self.get_logger().error)
         self._tested = -1
         self._announced: Plan | None = None
-        self._last_tick = self._last_beat = time.monotonic()
+        self._last_report = self._last_plan = self._last_hello = 0.0
 
         self._plan = self.create_publisher(Plan, "plan", LATCHED)
         self._map = self.create_publisher(BasinMap, "basin_map", LATCHED)
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
-        self.create_subscription(Health, "health", self._on_health, HEARD)
+        self._blocks = self.create_publisher(Block, "blocks", WORK)
         self.create_subscription(Receipt, "receipts", self._on_receipts, STREAM, raw=True)
         self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
-        self._pool = Pool(self, self._handle)
+        self._pool = Pool(self._handle, self.health.host, self.get_logger().warning)
         self._server = ActionServer(
             self,
             RunSweep,
             "run_sweep",
             execute_callback=self._conclude,
-            goal_callback=self._on_goal,
             handle_accepted_callback=self._on_accepted,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             result_timeout=60,
         )
-        self.create_timer(TICK_S, self._tick)
+        self.every(TICK_S, self._tick)
         try:
             if text["resume"]:
-                self._begin(*resume(Path(text["resume"]), self.get_logger().warning, self._locks))
+                self._begin(*resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 self._begin(self._create(Sweep.from_spec(text["preset"], [s for s in settings if s])))
             else:
@@ -115,20 +105,21 @@ class CoordinatorNode(BowNode):
             raise StartupError(str(error)) from None
         prepare()  # now, while the others start
 
+    def _declared(self, name: str, default: Any, what: str) -> Any:
+        return self.declare_parameter(name, default, ParameterDescriptor(description=what, read_only=True)).value
+
     # ---- beginning and end
 
     def _create(self, sweep: Sweep) -> Run:
         identity, self._run_id = self._run_id or random_id(), ""
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
-        return Run.create(directory, identity, sweep, self._locks)
+        return Run.create(directory.absolute(), identity, sweep, self._locks)
 
     def _begin(self, run: Run, recorded: dict[str, np.ndarray] | None = None) -> None:
         self._run, self._closing = run, False
-        self._ready = set()
         self._pool.begin()
         sweep = run.sweep
         self._basin = basin_of(recorded or {}, sweep)
-        self._spec = announce.spec_message(run)
         self._began = time.monotonic()
         self._done_before = run.cells_in(State.DONE)
         self._tested = -1
@@ -137,7 +128,7 @@ class CoordinatorNode(BowNode):
         else:
             self._publish_plan(Plan.OPEN)
         if not self._closing:
-            self.become(Health.STARTING, "waiting for recorder and classifier", run.run_id)
+            self.become(Health.STARTING, "a sweep opens", run.run_id)
         self.get_logger().info(f"run {run.run_id}: {sweep.cells} cells, {run.blocks.count} blocks, in {run.directory}")
 
     def _finish(self) -> None:
@@ -169,26 +160,20 @@ class CoordinatorNode(BowNode):
 
     # ---- the goal
 
-    def _on_goal(self, goal: RunSweep.Goal) -> GoalResponse:
+    def _on_accepted(self, goal: Any) -> None:
+        """Begin a sweep; a goal that cannot be is aborted rather than rejected, as a rejection tells no reason."""
         try:
             if self._run is not None:
                 raise RunError(f"run {self._run.run_id} is not finished; one sweep at a time")
-            Sweep.from_spec(goal.spec.preset, goal.spec.settings)
+            run = self._create(Sweep.from_spec(goal.request.spec.preset, goal.request.spec.settings))
         except (ParameterError, RunError) as error:
-            self.get_logger().error(f"goal rejected: {error}")
-            self.become(self.health.state, f"goal rejected: {error}")
-            return GoalResponse.REJECT
-        return GoalResponse.ACCEPT
-
-    def _on_accepted(self, goal: Any) -> None:
-        self._goal = goal
-        try:
-            self._begin(self._create(Sweep.from_spec(goal.request.spec.preset, goal.request.spec.settings)))
-        except RunError as error:
-            self.get_logger().error(str(error))
+            self.get_logger().error(f"goal refused: {error}")
+            self.become(self.health.state, f"goal refused: {error}")
             goal.bow_outcome = RunSweep.Result(message=str(error))
             goal.execute()
-            self._goal = None
+            return
+        self._goal = goal
+        self._begin(run)
 
     def _conclude(self, goal: Any) -> RunSweep.Result:
         result: RunSweep.Result = goal.bow_outcome
@@ -202,19 +187,17 @@ class CoordinatorNode(BowNode):
 
     # ---- what comes in
 
-    def _on_health(self, message: Health) -> None:
-        now = time.monotonic()
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Note who is there and who is ready."""
+        run_id = self._run.run_id if self._run else ""
         self._nodes[message.node] = message
         if message.role == "simulator":
-            self._pool.on_health(message, self._run.run_id if self._run else "", now)
-        elif message.role in CONSUMERS and message.state != Health.DEAD and self._run is not None:
-            if message.run_id == self._run.run_id and message.state in (Health.READY, Health.BUSY):
-                self._ready.add(message.role)
-            known = self._consumers.setdefault(message.role, message.incarnation)
-            if known != message.incarnation:
-                self._consumers[message.role] = message.incarnation
-                self.get_logger().warning(f"{message.role} restarted: unfinished blocks are due again")
-                self._handle(ConsumerRestarted(message.role))
+            hears_us = neighbour is not None and "blocks" in neighbour.hears
+            self._pool.on_health(message, run_id, hears_us, self.awake.now())
+        elif message.role in CONSUMERS and neighbour is not None and self._consumers.take(neighbour, self.awake.now()):
+            self.get_logger().warning(f"{message.role} restarted: unfinished blocks are due again")
+            self._handle(ConsumerRestarted(message.role))
+        self._begin_work()
         self._finish_when_closed()
 
     def _mine(self, values: Any) -> bool:
@@ -230,6 +213,7 @@ class CoordinatorNode(BowNode):
         except wire.WireError:
             self.health.ignored += 1
             return
+        self.heard("receipts", receipt["incarnation"])
         columns = [receipt[name].tolist() for name in ("kind", "block", "chunk", "checksum")]
         if not self._mine(receipt) or len({len(column) for column in columns}) != 1:
             return
@@ -238,6 +222,10 @@ class CoordinatorNode(BowNode):
         self.health.messages += len(columns[0])
 
     def _on_verdicts(self, data: bytes) -> None:
+        sender = wire.hello_from("Verdicts", data)
+        if sender:
+            self.heard("verdicts", sender)
+            return
         try:
             verdict = wire.unseal("Verdicts", data)
         except wire.WireError:
@@ -246,6 +234,7 @@ class CoordinatorNode(BowNode):
         run = self._run
         if not self._mine(verdict) or run is None:
             return
+        self.heard("verdicts", verdict["incarnation"])
         block, chunk, cells = verdict["block"], verdict["chunk"], verdict["cells"]
         if (
             verdict["classifier"] != run.sweep.thresholds.hash
@@ -265,14 +254,13 @@ class CoordinatorNode(BowNode):
         run = self._run
         if run is None or self._closing:
             return
-        out = run.ledger.handle(event, time.monotonic())
+        out = run.ledger.handle(event, self.awake.now())
         run.record(item.entry for item in out if isinstance(item, Record))
         for item in out:
             match item:
                 case Dispatch(block, attempt, simulator):
                     self._send(run, block, attempt, simulator)
                 case NewEpoch():
-                    self._ready.discard(getattr(event, "role", ""))
                     self._publish_plan(Plan.OPEN)
                 case Settled(block, State.QUARANTINED, why):
                     run.quarantined[block] = why
@@ -289,43 +277,45 @@ class CoordinatorNode(BowNode):
             self._close_run()
 
     def _send(self, run: Run, block: int, attempt: int, simulator: str) -> None:
-        cells = run.blocks.block(block)
-        lanes = run.sweep.lanes(cells)
-        goal = Simulate.Goal(
-            run_id=run.run_id,
-            sweep_id=run.sweep.sweep_id,
-            epoch=run.ledger.epoch,
-            fingerprint=fingerprint(),
-            block=block,
-            attempt=attempt,
-            cells=cells,
-            x=lanes[run.sweep.x.name],
-            y=lanes[run.sweep.y.name],
-        )
-        self._pool.send(simulator, goal, self._spec)
+        incarnation = self._pool.send(simulator, block, attempt, self.awake.now())
+        if incarnation:
+            self._publish_block(announce.block_message(run, self.incarnation, incarnation, block, attempt))
+
+    def _say_hello(self, now: float) -> None:
+        """Show simulators that blocks arrive, more often while one does not say so."""
+        run = self._run
+        simulators = self.neighbours.of_role("simulator", now)
+        deaf = any("blocks" not in simulator.hears for simulator in simulators)
+        if run is not None and simulators and now - self._last_hello >= (FIRST_HELLO_S if deaf else HELLO_S):
+            self._last_hello = now
+            self._publish_block(announce.block_message(run, self.incarnation))
+
+    def _publish_block(self, message: bytes) -> None:
+        try:
+            self._blocks.publish(message)
+        except RCLError as error:  # a subscriber hangs: what is not taken is sent again
+            self.get_logger().warning(f"a block is not sent: {error}", throttle_duration_sec=5.0)
 
     def _close_run(self) -> None:
         """Tell everybody that the run is over, and draw the map while they close what they write."""
         assert self._run is not None
         self._closing = True
-        self._closed_at = time.monotonic()
+        self._closed_at = self.awake.now()
         self._publish_map()
         self._publish_plan(Plan.CLOSED)
         self.become(Health.BUSY, "drawing the map, while the bag is closed")
         self._playability = playability_of(self._run, self._basin)
-        with writing(self._run.directory, StartupError):
-            write_results(self._run, self._basin)
+        if problem := write_results(self._run, self._basin, StartupError):
+            self.get_logger().error(f"not drawn: {problem}")
+            self.become(Health.BUSY, f"not drawn: {problem}")
         self.become(Health.BUSY, "waiting for the bag to close")
 
     # ---- five times a second
 
     def _tick(self) -> None:
-        now = time.monotonic()
-        if now - self._last_tick > 1.5:  # stopped, or the machine slept
-            self._pool.slept(now - self._last_tick)
-        self._last_tick = now
-        if now - self._last_beat >= 1.0:
-            self._last_beat = now
+        now = self.awake.now()
+        if now - self._last_report >= 1.0:
+            self._last_report = now
             self._publish_diagnostics()
         run = self._run
         if run is None:
@@ -336,39 +326,49 @@ class CoordinatorNode(BowNode):
         if self._closing:
             self._finish_when_closed()
             return
-        if len(self._ready) == 2 and self._answers_reach_us():
-            if self.health.state == Health.STARTING:
-                self.become(Health.BUSY)
-            self._pool.look(run.run_id, now)
+        if now - self._last_plan >= ANNOUNCE_S and self._consumers.missing(run.run_id, now):
+            self._publish_plan(Plan.OPEN)
+        self._say_hello(now)
+        self._begin_work()
         self._handle(Tick())
         if self._run is not None and not self._closing:
             self._publish_plan(Plan.OPEN, if_changed=True)
             self._publish_map()
             self._publish_progress()
 
+    def _begin_work(self) -> None:
+        """Hand out blocks as long as recorder and classifier of this run are ready; else say for whom it waits."""
+        run = self._run
+        if run is None or self._closing:
+            return
+        now = self.awake.now()
+        waits_for = self._consumers.missing(run.run_id, now)
+        self._pool.look(now, may_join=not waits_for)
+        if not waits_for and not self.neighbours.of_role("simulator", now):
+            waits_for = ["no simulator is heard"]
+        if waits_for:
+            self.become(Health.STARTING, f"waiting in {self.get_namespace()}: {', '.join(waits_for)}")
+        elif self.health.state == Health.STARTING:
+            self.become(Health.BUSY)
+
     def _finish_when_closed(self) -> None:
         """Finish once a recorder has closed the bag and no dashboard is still at work, or they take too long."""
         run = self._run
-        if not self._closing or run is None:
-            return
-        gone, waited = (Health.CLOSED, Health.FAILED, Health.DEAD), time.monotonic() - self._closed_at
-        late = waited > IDLE_S
-        nodes = [node for node in self._nodes.values() if node.run_id == run.run_id or (not node.run_id and not late)]
-        recorded = any(node.role == "recorder" and node.state in (Health.CLOSED, Health.FAILED) for node in nodes)
-        drawn = [node.state in gone for node in nodes if node.role == "dashboard"]
-        if (recorded and all(drawn) and (drawn or late or not self._shown)) or waited > CLOSE_S:
-            self._finish()
-
-    def _answers_reach_us(self) -> bool:
-        return publishes(self, "recorder", "receipts") and publishes(self, "classifier", "verdicts")
+        if self._closing and run is not None:
+            waited = self.awake.now() - self._closed_at
+            missing = waits_for(self._nodes.values(), run.run_id, waited, self._shown)
+            if not missing:
+                self._finish()
+            elif missing == "dashboard" and waited > DRAW_SAY_S:
+                self.become(Health.BUSY, f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most")
 
     # ---- what goes out
 
     def _publish_plan(self, state: int, if_changed: bool = False) -> None:
         assert self._run is not None
-        message = announce.plan_message(self._run, state)
+        message = announce.plan_message(self._run, state, self.incarnation)
         if not if_changed or message != self._announced:
-            self._announced = message
+            self._announced, self._last_plan = message, self.awake.now()
             self._plan.publish(message)
 
     def _publish_map(self) -> None:
@@ -378,7 +378,7 @@ class CoordinatorNode(BowNode):
             self._tested = tested
             message = announce.map_message(self._run, self._basin)
             self._map.publish(wire.encode("BasinMap", message))
-            self._image.publish(announce.image_message(message, self.get_clock().now().to_msg()))
+            self._image.publish(announce.image_message(message, self.wall_time()))
 
     def _publish_progress(self) -> None:
         if self._goal is not None and self._run is not None:
@@ -388,7 +388,7 @@ class CoordinatorNode(BowNode):
 
     def _publish_diagnostics(self) -> None:
         nodes = [*self._nodes.values(), self.health]
-        self._diagnostics.publish(announce.diagnostics_message(nodes, self.get_clock().now().to_msg()))
+        self._diagnostics.publish(announce.diagnostics_message(nodes, self.wall_time()))
 
 
 def main() -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 from collections.abc import Callable
@@ -26,7 +27,8 @@ def percentages(what: str) -> Callable[[float, float], None]:
         now = time.monotonic()
         if now - began > PLAIN_EVERY_S and now - last > PLAIN_EVERY_S / 2:
             last = now
-            print(f"{what}: {100 * done / max(total, 1):.0f} %", file=sys.stderr)
+            with contextlib.suppress(OSError):  # only words are lost
+                print(f"{what}: {100 * done / max(total, 1):.0f} %", file=sys.stderr)
 
     return show
 
@@ -41,6 +43,13 @@ class Progress:
     regimes: dict[str, int] = field(default_factory=dict)
 
 
+class _Console(Console):
+    """A console that falls silent where rich would end the process, as nobody reads it any more."""
+
+    def on_broken_pipe(self) -> None:
+        self.quiet = True
+
+
 class Display:
     """Live progress: a bar on a terminal, a line every two seconds elsewhere.
 
@@ -51,7 +60,7 @@ class Display:
     """
 
     def __init__(self, console: Console | None = None) -> None:
-        self.console = console or Console(stderr=True, highlight=False)
+        self.console = console or _Console(stderr=True, highlight=False)
         self._bar: Bar | None = None
         self._task = TaskID(0)
         self._first: tuple[float, int] | None = None
@@ -64,8 +73,9 @@ class Display:
         self._title, self._before, self._total = title, before, total
 
     def say(self, text: str) -> None:
-        """Print a line, above the bar where there is one."""
-        self.console.print(text, soft_wrap=True, markup=False)
+        """Print a line, above the bar where there is one; where nobody takes it, the sweep goes on."""
+        with contextlib.suppress(OSError):
+            self.console.print(text, soft_wrap=True, markup=False)
 
     def show(self, progress: Progress | None, waiting: str, now: float) -> None:
         """Show where the sweep stands at `now` (seconds); call often."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from types import FrameType
 
@@ -16,6 +17,8 @@ class Ending:
 
     An exception out of a signal handler comes up anywhere: in native code that calls Python, as an executor of rclpy,
     it may be turned into another one or lost.
+
+    In a thread that is not the main one, nothing is noted: signals are for whoever started it.
 
     Parameters
     ----------
@@ -34,7 +37,8 @@ class Ending:
         self._at_once = False
 
     def __enter__(self) -> Ending:
-        self._before = {number: signal.signal(number, self._note) for number in SIGNALS}
+        here = threading.current_thread() is threading.main_thread()  # Python has no handlers elsewhere
+        self._before = {number: signal.signal(number, self._note) for number in SIGNALS if here}
         return self
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:

@@ -1,4 +1,4 @@
-"""A child that starts as a copy of this process: what is imported and compiled here, it need not load again."""
+"""Children: copies of this process, which need not load again what it has, and commands."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 LOOK_S = 0.01
@@ -19,38 +19,34 @@ LOOK_S = 0.01
 
 ERROR = 1
 
+UNKNOWN = 1000
+"""In place of an exit status that somebody else took."""
 
-class Forked:
-    """Runs a function in a copy of this process; for the rest as :class:`subprocess.Popen`.
 
-    Begin with it before this process has threads of its own or DDS: a copy has only the thread that made it.
+class Process:
+    """A child of this process, as :class:`subprocess.Popen`; but it may be that somebody else takes its exit status.
+
+    A library that waits for any child does that, or a parent that had us ignore SIGCHLD.
 
     Parameters
     ----------
-    run
-        What the child does; its result is the exit status.
-    output
-        File that gets what the child prints.
-    keep
-        An open file that the child has too, of all that this process has open.
+    pid
+        Its number.
     """
 
-    def __init__(self, run: Callable[[], int], output: Path, keep: int = 0) -> None:
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
         self.returncode: int | None = None
-        sys.stdout.flush()
-        sys.stderr.flush()
-        gc.freeze()  # no collection in the child writes to the pages that it shares
-        self.pid = os.fork()
-        if self.pid == 0:
-            _child(run, output, keep)
-        gc.unfreeze()
 
     def poll(self) -> int | None:
-        """Return the exit status, negative for a signal; None while it lives."""
+        """Return the exit status, negative for a signal; None while it lives; UNKNOWN where somebody else took it."""
         if self.returncode is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            if pid:
-                self.returncode = os.waitstatus_to_exitcode(status)
+            try:
+                pid, status = os.waitpid(self.pid, os.WNOHANG)
+            except ChildProcessError:  # no longer a child: it has ended
+                self.returncode = UNKNOWN
+            else:
+                self.returncode = os.waitstatus_to_exitcode(status) if pid else None
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
@@ -71,11 +67,70 @@ class Forked:
     def send_signal(self, number: int) -> None:
         """Send a signal, if it lives."""
         if self.poll() is None:
-            os.kill(self.pid, number)
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
 
     def kill(self) -> None:
         """Kill it."""
         self.send_signal(signal.SIGKILL)
+
+
+class Started(Process):
+    """A command in a process of its own, without input.
+
+    Parameters
+    ----------
+    command
+        Program and arguments.
+    output
+        File that gets what it prints.
+    environment
+        All its variables.
+    first
+        What it does before it becomes the command.
+    """
+
+    def __init__(
+        self, command: Sequence[str], output: Path, environment: Mapping[str, str], first: Callable[[], None]
+    ) -> None:
+        with open(output, "ab") as log:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                preexec_fn=first,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
+            )
+        super().__init__(process.pid)
+        process.returncode = UNKNOWN  # it is ours to wait for: Popen takes one that others waited for as a success
+
+
+class Forked(Process):
+    """Runs a function in a copy of this process.
+
+    Begin with it before this process has threads of its own or DDS: a copy has only the thread that made it.
+
+    Parameters
+    ----------
+    run
+        What the child does; its result is the exit status.
+    output
+        File that gets what the child prints.
+    keep
+        An open file that the child has too, of all that this process has open.
+    """
+
+    def __init__(self, run: Callable[[], int], output: Path, keep: int = 0) -> None:
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError, ValueError, AttributeError):  # full, closed, or none: only words are lost
+                stream.flush()
+        gc.freeze()  # no collection in the child writes to the pages that it shares
+        pid = os.fork()
+        if pid == 0:
+            _child(run, output, keep)
+        gc.unfreeze()
+        super().__init__(pid)
 
 
 def _child(run: Callable[[], int], output: Path, keep: int) -> None:
@@ -99,5 +154,6 @@ def _child(run: Callable[[], int], output: Path, keep: int) -> None:
     except BaseException:
         traceback.print_exc()
     finally:
-        sys.stdout.flush()
+        with contextlib.suppress(BaseException):  # whatever comes, nothing of the parent's runs here
+            sys.stdout.flush()
         os._exit(status)

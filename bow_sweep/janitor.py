@@ -20,9 +20,9 @@ from pathlib import Path
 import setproctitle
 from inotify_simple import INotify, flags
 
+from bow_sim import leftovers
 from bow_sim.reach import SHARED_MEMORY
 
-from . import leftovers
 from .forked import Forked
 
 NOTE = "shared_memory"
@@ -164,10 +164,10 @@ def _keep(house: House, heard: int, made: INotify | None, selector: selectors.Ba
     """Keep house until the supervisor says so, or all have died; return 0, or 1 where some did not in time."""
     for source in filter(None, (heard, made)):
         selector.register(source, selectors.EVENT_READ)
-    living: dict[int, int] = {}  # pidfd -> number of the process
+    living = _Living(selector)
     settled, deadline = 0.0, 0.0  # until then it shows whose new locks are; processes without supervisor may end
     while living or not deadline:
-        pause = LOOK_S if made is None or deadline or house.asks else None
+        pause = LOOK_S if made is None or deadline or house.asks or living.looked_at else None
         ready = {key.fd for key, _ in selector.select(pause)}
         now = time.monotonic()
         if deadline and now > deadline:
@@ -186,18 +186,69 @@ def _keep(house: House, heard: int, made: INotify | None, selector: selectors.Ba
                 deadline = now + LEAVE_S
             for pid in said:
                 house.enter(pid)
-                try:
-                    descriptor = os.pidfd_open(pid)
-                except ProcessLookupError:
+                if not living.add(pid):
                     house.leave(pid)
-                    continue
-                living[descriptor] = pid
-                selector.register(descriptor, selectors.EVENT_READ)
         if made is None or house.asks:
             house.look()
-        for descriptor in ready & living.keys():
-            house.leave(living.pop(descriptor))
-            selector.unregister(descriptor)
-            os.close(descriptor)
+        for pid in living.ended(ready):
+            house.leave(pid)
     house.close()
     return 0
+
+
+class _Living:
+    """Processes until they end: the system tells of it, or they are looked at where it has no pidfd.
+
+    Parameters
+    ----------
+    selector
+        Gets the descriptors of those of which the system tells.
+    """
+
+    def __init__(self, selector: selectors.BaseSelector) -> None:
+        self._selector = selector
+        self._told: dict[int, int] = {}  # pidfd -> process
+        self.looked_at: dict[int, str] = {}  # process -> its beginning
+
+    def __len__(self) -> int:
+        return len(self._told) + len(self.looked_at)
+
+    def add(self, pid: int) -> bool:
+        """Take in a process; return whether it lives."""
+        try:
+            descriptor = os.pidfd_open(pid)
+        except ProcessLookupError:
+            return False
+        except (OSError, AttributeError):  # an old kernel, a sandbox, or a Python made on one
+            began = _beginning(pid)
+            if began:
+                self.looked_at[pid] = began
+            return bool(began)
+        self._told[descriptor] = pid
+        self._selector.register(descriptor, selectors.EVENT_READ)
+        return True
+
+    def ended(self, ready: set[int]) -> list[int]:
+        """Return the processes that have ended, `ready` being the descriptors with news; they are forgotten."""
+        gone = [pid for pid, began in self.looked_at.items() if _beginning(pid) != began]
+        for pid in gone:
+            del self.looked_at[pid]
+        for descriptor in ready & self._told.keys():
+            gone.append(self._told.pop(descriptor))
+            self._selector.unregister(descriptor)
+            os.close(descriptor)
+        return gone
+
+
+def _beginning(pid: int) -> str:
+    """Return when a process began, as the system counts it; "" where it has ended."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")
+    except OSError:
+        return ""
+    state, *numbers = stat.rpartition(")")[2].split()
+    return "" if state in "ZX" else numbers[_STARTTIME]
+
+
+_STARTTIME = 18
+"""Place of the beginning in /proc/PID/stat, counted behind the state."""

@@ -71,7 +71,7 @@ IN_HAND = 2
 DISK_S = 300.0
 """A block of which everything is answered but that it is on the disk may wait so long for a slow one."""
 
-STALE_S = 10.0
+STALE_S = 6.0
 """A block whose simulator has finished or gone, and whose answers do not arrive for this long, is handed out again."""
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from bow_classifier.playability import playability
 
 from .basin import Basin
 from .plan import Sweep
-from .run import MAP, PICTURE, Run
+from .run import MAP, PICTURE, Run, RunError
 from .view.maps import MapFile, draw_map, write_map_npz
 
 __all__ = [
@@ -53,17 +53,29 @@ def prepare() -> None:
     """Load the libraries that results are drawn and measured with, which take half a second."""
     import scipy.ndimage  # noqa: F401
 
-    from .view import pictures  # noqa: F401
+    with contextlib.suppress(Exception):  # write_results will say so
+        from .view import pictures  # noqa: F401
 
 
-def write_results(run: Run, basin: Basin) -> None:
-    """Write map.npz and map.png into the directory of a run."""
+def write_results(run: Run, basin: Basin, kind: type[Exception] = RunError) -> str:
+    """Write map.npz and map.png into the directory of a run; return why there is no picture, or "".
+
+    Where there can be no map.npz, it raises an exception of a `kind`, with a message for people.
+    """
     result = map_of(run, basin)
-    write_map_npz(run.directory / MAP, result)
-    draw_map(result, run.directory / PICTURE)
+    with writing(run.directory, kind):
+        write_map_npz(run.directory / MAP, result)
+    picture = run.directory / PICTURE
+    try:
+        draw_map(result, picture)
+    except Exception as error:  # whatever a library raises: a picture is only for looking at
+        with contextlib.suppress(OSError):
+            picture.unlink(missing_ok=True)  # of an earlier state of the run
+        return f"{picture}: {error or type(error).__name__}"
+    return ""
 
 
-@contextmanager
+@contextlib.contextmanager
 def writing(directory: Path, kind: type[Exception]) -> Iterator[None]:
     """Raise an exception of a `kind`, with a message for people, where results cannot be written: a full disk, say."""
     try:

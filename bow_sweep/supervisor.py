@@ -2,42 +2,40 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import importlib
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 import setproctitle
 
-from .forked import Forked
-from .janitor import Janitor
+from bow_sim.notes import SUPERVISED, work_off
 
-MODULES = {
-    "coordinator": "bow_sweep.coordinator",
-    "simulator": "bow_sim.node",
-    "classifier": "bow_classifier.node",
-    "recorder": "bow_sweep.record.recorder",
-    "dashboard": "bow_sweep.view.dashboard",
-}
-"""Role -> module with the node's main()."""
+from .entry import MODULES
+from .forked import UNKNOWN, Forked, Process, Started
+from .janitor import Janitor
+from .start import CHILD
 
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
 """Sources first, so that the recorder still hears what was under way."""
 
-STOP_S = 15.0
-"""After a polite signal a process has this long before it is killed."""
+STOP_S, LEAST_STOP_S = 15.0, 3.0
+"""All processes have this long after a polite signal before they are killed, and those of each role at least that."""
 
 CRASHES = 5
 CRASHES_WITHIN_S = 20.0
 """A role that dies this often within this time will not come to life by starting it again."""
+
+SPECTATORS = ("dashboard",)
+"""Roles that are only for looking at: one that cannot live is left out."""
 
 NAMED = 5
 """Arguments of a node that say which it is: ``--ros-args``, its name, its namespace."""
@@ -46,6 +44,8 @@ NICE = {"dashboard": 10}
 """Pictures wait where cores are short; the sweep does not."""
 
 PR_SET_PDEATHSIG = 1
+
+ROS_LOGS = "ROS_LOG_DIR"
 
 
 class GraphError(Exception):
@@ -58,16 +58,15 @@ class Child:
 
     role: str
     name: str
-    process: subprocess.Popen[bytes] | Forked
+    process: Process
     log: Path
     started: float = field(default_factory=time.monotonic)
     worked: bool = False  # it was ready once
 
     def ask_to_end(self) -> None:
         """Ask politely; it hears it even where it was stopped."""
-        with contextlib.suppress(ProcessLookupError):
-            self.process.send_signal(signal.SIGCONT)
-            self.process.send_signal(signal.SIGINT)
+        self.process.send_signal(signal.SIGCONT)
+        self.process.send_signal(signal.SIGINT)
 
 
 @dataclass(frozen=True)
@@ -80,6 +79,8 @@ class Death:
     @property
     def cause(self) -> str:
         """What ended it, for people."""
+        if self.status == UNKNOWN:
+            return "exit status unknown: taken by another part of this process"
         if self.status < 0:
             return f"killed by {signal.Signals(-self.status).name}"
         return f"exit status {self.status}"
@@ -96,7 +97,7 @@ def _main(role: str, name: str, command: Sequence[str], environment: Mapping[str
     """Be a node in a copy of the supervisor: under its own name, as if the command had started it."""
     _be_a_child(role)
     os.environ.update(environment)
-    _, _, module, *arguments = command
+    module, *arguments = command
     setproctitle.setproctitle(f"bow {' '.join(arguments[:NAMED])}")  # ROS names a log file by it, so it must be short
     setproctitle.setthreadtitle(name)
     sys.argv = [module, *arguments]
@@ -115,16 +116,29 @@ class Supervisor:
         Directory for one log file a process.
     parameters
         Role -> ROS parameters of its nodes.
+    finished
+        Whether the work is done, as far as the disk says: asked where the coordinator's exit status is unknown.
     """
 
-    def __init__(self, namespace: str, logs: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
-        self.namespace, self.logs, self.parameters = namespace, logs, parameters
+    def __init__(
+        self,
+        namespace: str,
+        logs: Path,
+        parameters: Mapping[str, Mapping[str, object]],
+        finished: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.namespace, self.logs, self.parameters, self._finished = namespace, logs, parameters, finished
         self.children: list[Child] = []
         self._leaving: list[Child] = []
         self._count: dict[str, int] = {}
         self._deaths: dict[str, list[float]] = {}
+        self.left_out: list[Path] = []
+        """Logs of the processes that are not started again, though the graph goes on."""
         self._janitor: Janitor | None = None
         logs.mkdir(parents=True, exist_ok=True)
+        work_off()
+        self._logs_before = os.environ.get(ROS_LOGS)
+        os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process as for those of its children
 
     def start(self, role: str) -> Child:
         """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
@@ -132,21 +146,14 @@ class Supervisor:
         name = f"simulator_{self._count[role]}" if role == "simulator" else role
         log = self.logs / f"{name}.log"
         janitor = self._hire()
-        command = [sys.executable, "-m", MODULES[role], "--ros-args", *self._arguments(role, name)]
-        environment = {"ROS_LOG_DIR": str(self.logs.resolve()), "PYTHONUNBUFFERED": "1"}
-        process: subprocess.Popen[bytes] | Forked
-        if "rclpy" not in sys.modules:  # from then on this process has threads of ROS that a copy would lack
+        command = [MODULES[role], "--ros-args", *self._arguments(role, name)]
+        environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
+        process: Process
+        if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack other threads
             process = Forked(partial(_main, role, name, command, environment), log)
         else:
-            with open(log, "ab") as output:
-                process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=subprocess.STDOUT,
-                    env={**os.environ, **environment},
-                    preexec_fn=partial(_be_a_child, role),  # noqa: PLW1509  # no threads of ours hold locks that a child needs
-                )
+            python = [sys.executable, "-c", CHILD, str(Path(__file__).parent.parent)]
+            process = Started([*python, *command], log, {**os.environ, **environment}, partial(_be_a_child, role))
         janitor.tell(process.pid)
         child = Child(role, name, process, log)
         self.children.append(child)
@@ -170,9 +177,32 @@ class Supervisor:
         ended = [(child, status) for child in self.children if (status := child.process.poll()) is not None]
         if self._janitor is not None:
             self._hire()
-        gone = [Death(child, 0 if status == -signal.SIGALRM else status) for child, status in ended]  # see ros.LEAVE_S
+        gone = [Death(child, self._meant(child, status)) for child, status in ended]
         self.children = [child for child in self.children if child.process.returncode is None]
         return gone
+
+    def leaves_out(self, death: Death) -> str:
+        """Return why a process that is only for looking at is not started again, for people, or "".
+
+        One that failed before it came to work would do so again; the others may end as often as a role may crash.
+        """
+        child = death.child
+        if child.role not in SPECTATORS:
+            return ""
+        ends = self._deaths[child.role] = [*self._deaths.get(child.role, []), time.monotonic()]
+        failed = death.status in range(1, 256)
+        if len(ends) < CRASHES and (child.worked or not failed):
+            return ""
+        self.left_out.append(child.log)
+        times = f"ended {len(ends)} times, at last: " if len(ends) > 1 else ""
+        last = tail(child.log, 1).partition(f"{child.log.name}: ")[2] if failed else ""
+        return f"{times}{death.cause}" + (f": {last}" if last else "")
+
+    def _meant(self, child: Child, status: int) -> int:
+        """Return the exit status of a child, 0 where it had done its work."""
+        late = status == -signal.SIGALRM  # see ros.LEAVE_S
+        done = status == UNKNOWN and child.role == "coordinator" and self._finished()
+        return 0 if late or done else status
 
     def revive(self, death: Death) -> Child:
         """Start a process again.
@@ -184,7 +214,7 @@ class Supervisor:
         GraphError
             Where its role dies again and again.
         """
-        if death.child.role == "simulator" and death.child.worked:
+        if (death.child.role == "simulator" and death.child.worked) or death.child.role in SPECTATORS:
             return self.start(death.child.role)
         now = time.monotonic()
         deaths = [when for when in self._deaths.get(death.child.role, []) if now - when < CRASHES_WITHIN_S]
@@ -208,11 +238,12 @@ class Supervisor:
         Where the graph is not `idle`, those that publish go first, so that the recorder still hears them.
         """
         stubborn: list[Child] = []
+        began = time.monotonic()
         for roles in [STOP_ORDER] if idle else [[role] for role in STOP_ORDER]:
             group = [child for child in self.children if child.role in roles]
             for child in group:
                 child.ask_to_end()
-            deadline = time.monotonic() + STOP_S
+            deadline = max(began + STOP_S, time.monotonic() + LEAST_STOP_S)
             for child in [*group, *self._leaving]:
                 try:
                     child.process.wait(max(0.1, deadline - time.monotonic()))
@@ -226,6 +257,10 @@ class Supervisor:
         if self._janitor is not None:
             self._janitor.close(STOP_S)
             self._janitor = None
+        if self._logs_before is None:
+            os.environ.pop(ROS_LOGS, None)
+        else:
+            os.environ[ROS_LOGS] = self._logs_before
         return stubborn
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import time
+from collections import Counter
 
 import numpy as np
 import rclpy
@@ -15,16 +17,25 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.regimes import REGIMES
 from bow_sim import wire
+from bow_sim.diagnosis import network_hints
+from bow_sim.neighbours import CONSUMERS, Neighbour
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import CONSUMERS, HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
+from bow_sim.ros import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 
 from .display import Display, Progress
 from .ending import Ending
-from .supervisor import Death, GraphError, Supervisor, tail
+from .supervisor import SPECTATORS, Death, GraphError, Supervisor, tail
+from .view.wanted import NOTE
+from .waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting, usage
 
-STUCK_S = 12.0
-"""A process that knows of the run and has not met the others for so long is started again: where one was killed, Fast
-DDS sometimes does not connect its successor."""
+STOP_S = 5.0
+"""So long this process was stopped in all, that DDS may have lost others."""
+
+SAY_S = 5.0
+"""What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
+
+NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
+"""Beginnings of what nodes say of themselves that people should read."""
 
 
 class SupervisorNode(BowNode):
@@ -36,12 +47,12 @@ class SupervisorNode(BowNode):
         self.failed = ""
         self.details: dict[str, str] = {}
         self.news: dict[str, bool] = {}  # for people; True = not yet said
-        self.worked: set[int] = set()  # processes that were ready once
+        self.ours: set[int] = set()  # the processes of this supervisor
+        self.waiting = Waiting(self.get_namespace().rpartition("/")[2])
         self.closed = False  # the plan is: nothing more will be simulated
-        self._starting: dict[int, tuple[str, float]] = {}  # pid -> role, and since when it looks for the others
+        self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
         self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Health, "health", self._on_health, HEARD)
         self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         self.become(Health.READY)
 
@@ -50,6 +61,7 @@ class SupervisorNode(BowNode):
             values = wire.decode("BasinMap", data)
         except wire.WireError:
             return
+        self.waiting.advance(int(values["tests"].sum(dtype=np.int64)), self.awake.now())
         counts = np.bincount(values["regime"], minlength=256)
         self.progress = Progress(
             done=values["cells_done"],
@@ -63,37 +75,30 @@ class SupervisorNode(BowNode):
             plan = wire.decode("Plan", data)
             self.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
 
-    def _on_health(self, message: Health) -> None:
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Note what people should know of our processes; what others start in this namespace does not count."""
+        if message.host != self.health.host or message.pid not in self.ours:
+            return
+        now = self.awake.now()
         self.details[message.role] = message.detail
-        if message.host == self.health.host:
-            self._note_start(message, time.monotonic())
+        if message.state != Health.DEAD:
+            self.waiting.hear(message.pid, message.role, message.state, message.run_id, now)
+        if message.role == "coordinator":
+            self._note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
             self.failed = f"{message.role}: {message.detail}"
-        elif message.state == Health.FAILED or message.detail.startswith("rejects blocks"):
+        elif message.state == Health.FAILED or message.detail.startswith(NEWS):
             self.news.setdefault(f"{message.node}: {message.detail}", True)
-        _, found, command = message.detail.partition("; watch with: ")
-        if found:
-            self.news.setdefault(f"watch the map grow with: {command}", True)
+        for note in message.detail.split(NOTE)[1:]:
+            self.news.setdefault(note, True)
 
-    def _note_start(self, message: Health, now: float) -> None:
-        if message.state in (Health.READY, Health.BUSY):
-            self.worked.add(message.pid)
-        if message.state == Health.STARTING and message.run_id:
-            self._starting.setdefault(message.pid, (message.role, now))
-        else:
-            self._starting.pop(message.pid, None)
-
-    def stuck(self, now: float) -> set[int]:
-        """Return the processes that do not find the others; all others have as long again to find their successors.
-
-        Simulators are blamed only where the consumers, for which they wait, have found everybody.
-        """
-        waits = any(role in CONSUMERS for role, _ in self._starting.values())
-        blamed = CONSUMERS if waits else ("simulator",)
-        stuck = {pid for pid, (role, since) in self._starting.items() if role in blamed and now - since > STUCK_S}
-        if stuck:
-            self._starting = {pid: (role, now) for pid, (role, _) in self._starting.items() if pid not in stuck}
-        return stuck
+    def _note_waiting(self, what: str, now: float) -> None:
+        """Say what the coordinator waits for, where it was at work already; before, the display shows it."""
+        if what != self._waits[0]:
+            self._waits = (what, now)
+            self.news.pop(what, None)
+        elif what and self.progress is not None and now - self._waits[1] > SAY_S:
+            self.news.setdefault(what, True)
 
     def bury(self, death: Death) -> None:
         """Tell the graph that a process has ended."""
@@ -105,7 +110,7 @@ class SupervisorNode(BowNode):
             state=Health.DEAD,
             detail=death.cause,
         )
-        message.stamp = self.get_clock().now().to_msg()
+        message.stamp = self.wall_time()
         self._deaths.publish(message)
 
 
@@ -130,7 +135,7 @@ def watch(supervisor: Supervisor, display: Display, ending: Ending) -> None:
 
 def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
     """Be a node of the graph while it is watched."""
-    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}"]
+    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}", "--log-file-name", "supervisor"]
     rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     node = None
@@ -147,7 +152,8 @@ def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
 
 
 def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display, ending: Ending) -> None:
-    """Spin until the coordinator has finished; start again what dies."""
+    """Spin until the coordinator has finished; start again what dies or is not heard."""
+    restarts: Counter[str] = Counter()
     while True:
         executor.spin_once(timeout_sec=0.05)
         ending.check()
@@ -156,15 +162,15 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
                 if death.status == 0:
                     return
                 raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
-            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             node.bury(death)
-            death.child.worked = death.child.process.pid in node.worked
+            death.child.worked = death.child.process.pid in node.waiting.worked
+            if why := supervisor.leaves_out(death):
+                display.say(f"the sweep goes on without {death.child.name} ({why}); see {death.child.log}")
+                continue
+            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
             supervisor.revive(death)
-        stuck = node.stuck(time.monotonic())
-        for child in supervisor.children:
-            if child.process.pid in stuck:
-                display.say(f"{child.name} does not find the others: it is started again; see {child.log}")
-                child.process.kill()
+        node.ours = {child.process.pid for child in supervisor.children}
+        _look_after(supervisor, node, display, restarts)
         if node.closed:  # recorder and dashboard have last words: what nobody has read goes with its sender
             supervisor.release(("simulator", "classifier"))
         if node.failed:
@@ -173,3 +179,43 @@ def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, dis
             node.news[line] = False
             display.say(line)
         display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())
+
+
+def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, restarts: Counter[str]) -> None:
+    """Kill the processes that the others do not hear, which are then started again; give up where that is no use.
+
+    Raises
+    ------
+    GraphError
+        Naming who is not heard, and what to look at.
+    """
+    now, waiting = node.awake.now(), node.waiting
+    children = {child.process.pid: child for child in supervisor.children}
+    needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
+    if node.awake.slept > STOP_S:
+        waiting.note_stop()
+    stopped = waiting.hold(needed, now)
+    if stopped:
+        names = ", ".join(sorted(children[pid].name for pid in stopped))
+        node.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
+        return
+    unheard = waiting.unheard(children, now)
+    unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # nobody misses them
+    if needed and unheard >= needed.keys():
+        names = ", ".join(child.name for child in needed.values())
+        raise GraphError(f"nothing is heard of {names} for {UNHEARD_S:g} s. Look at: {_hints()}")
+    for pid in (unheard | waiting.stuck(now)) & children.keys():
+        child = children[pid]
+        restarts[child.role] += 1
+        why = f"{child.name} is not heard" if pid in unheard else f"{child.name} and the others do not hear each other"
+        too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
+        if child.role == "coordinator" or too_often:
+            raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")
+        display.say(f"{why}: it is started again; see {child.log}")
+        child.process.kill()
+    if waiting.is_stalled(now) and not node.closed:
+        raise GraphError(f"no progress for {STALL_S:g} s; {node.details.get('coordinator') or 'nothing is missing'}")
+
+
+def _hints() -> str:
+    return "; ".join(network_hints(os.environ))

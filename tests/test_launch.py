@@ -1,20 +1,19 @@
 """The launch files start the graph they promise.
 
-`launch` and `launch_ros` are not among the ROS wheels; these stand-ins know only the names and arguments of
-Jazzy's classes that our files may use, and refuse all others. What a launch file comes to in the end is a list of
-command lines, and those are run for real.
+`launch` and `launch_ros` are not among the ROS wheels: stand-ins take their place. What a launch file comes to in the
+end is a list of command lines, and those are run for real.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import py_compile
-import runpy
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,120 +21,20 @@ from typing import Any
 import pytest
 import yaml
 from checkout import ROOT, assigned
+from launch_stand_ins import STAND_INS, ExecuteProcess, SetEnvironmentVariable, launched, nodes
 
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 
 
-# ---- Jazzy's launch and launch_ros, as far as our files may use them
-
-
-@dataclass
-class LaunchDescription:
-    entities: list[Any]
-
-
-@dataclass
-class LaunchContext:
-    launch_configurations: dict[str, str]
-
-
-@dataclass
-class DeclareLaunchArgument:
-    name: str
-    default_value: str | None = None
-    description: str | None = None
-
-    def __post_init__(self) -> None:
-        assert isinstance(self.default_value, str | None), "a default is a text"
-
-
-@dataclass(kw_only=True)
-class OpaqueFunction:
-    function: Any
-
-
-@dataclass
-class SetEnvironmentVariable:
-    name: str
-    value: str
-
-
-@dataclass(kw_only=True)
-class Shutdown:
-    reason: str
-
-
-@dataclass
-class ParameterValue:
-    value: Any
-    value_type: Any = field(kw_only=True)
-
-
-@dataclass(kw_only=True)
-class ExecuteProcess:
-    cmd: list[str]
-    output: str = "log"
-    on_exit: Shutdown | None = None
-
-
-@dataclass(kw_only=True)
-class Node:
-    package: str
-    executable: str
-    name: str
-    namespace: str
-    parameters: list[dict[str, ParameterValue]] = field(default_factory=list)
-    output: str = "log"
-    emulate_tty: bool = False
-    respawn: bool = False
-    respawn_delay: float | None = None
-    on_exit: Shutdown | None = None
-
-    @property
-    def given(self) -> dict[str, Any]:
-        return {name: parameter.value for one in self.parameters for name, parameter in one.items()}
-
-    def command(self, prefix: Path, scratch: Path) -> list[str]:
-        """The command line that launch_ros makes of it."""
-        file = scratch / f"{self.name}.yaml"
-        file.write_text(yaml.dump({"/**": {"ros__parameters": self.given}}))
-        renamed = ["-r", f"__node:={self.name}", "-r", f"__ns:=/{self.namespace.strip('/')}"]
-        executable = prefix / "lib" / self.package / self.executable
-        return [str(executable), "--ros-args", *renamed, "--params-file", str(file)]
-
-
-STAND_INS = {
-    "launch": (LaunchContext, LaunchDescription),
-    "launch.actions": (DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, SetEnvironmentVariable, Shutdown),
-    "launch.launch_description_entity": (type("LaunchDescriptionEntity", (), {}),),
-    "launch_ros": (),
-    "launch_ros.actions": (Node,),
-    "launch_ros.parameter_descriptions": (ParameterValue,),
-}
-
-
 @pytest.fixture(autouse=True)
-def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)  # `runs` is made where `ros2 launch` was typed
     for name, classes in STAND_INS.items():
         module = ModuleType(name)
         for one in classes:
             setattr(module, one.__name__, one)
         monkeypatch.setitem(sys.modules, name, module)
-
-
-def launched(file: str, **given: object) -> list[Any]:
-    """What `ros2 launch bow FILE name:=value ...` would start."""
-    (*declared, last) = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]().entities
-    values = {argument.name: argument.default_value for argument in declared}
-    assert set(given) <= set(values), "an argument that is not declared"
-    assert all(argument.description for argument in declared)
-    values |= {name: str(value) for name, value in given.items()}
-    assert None not in values.values(), "an argument without default was not given"
-    return list(last.function(LaunchContext(values)))
-
-
-def nodes(entities: list[Any]) -> dict[str, Node]:
-    return {entity.name: entity for entity in entities if isinstance(entity, Node)}
 
 
 # ---- the statements
@@ -176,7 +75,8 @@ def test_a_parameter_has_the_type_it_is_declared_with(file: str, run: Path) -> N
     """A text stays a text, even where YAML would see a number in it."""
     given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {"preset": "2024", "settings": "1 2"}
     for node in nodes(launched(file, **given)).values():
-        for parameter in (parameter for one in node.parameters for parameter in one.values()):
+        given_here = [one for one in node.parameters if isinstance(one, dict)]
+        for parameter in (parameter for one in given_here for parameter in one.values()):
             kind = list if isinstance(parameter.value, list) else parameter.value_type
             assert isinstance(parameter.value, kind)
 
@@ -187,16 +87,57 @@ def test_the_run_ends_with_its_coordinator_and_survives_the_others() -> None:
         assert node.respawn == (node.executable != "coordinator")
 
 
+def environment_of(file: str, run: Path, **given: object) -> dict[str, str]:
+    entities = launched(file, **({"run": run} if file == "replay.launch.py" else {}), **given)
+    return {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
+
+
 @pytest.mark.parametrize("file", [file.name for file in FILES])
-def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path) -> None:
+def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert environment_of(file, run) == {RANGE: "LOCALHOST"}
+    assert environment_of(file, run, discovery_range="SUBNET")[RANGE] == "SUBNET"
+    for unset in ("", None):
+        if unset is None:
+            monkeypatch.delenv(RANGE)
+        else:
+            monkeypatch.setenv(RANGE, unset)
+        assert environment_of(file, run)[RANGE] == "LOCALHOST"
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_what_the_user_has_exported_is_the_default(file: str, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RANGE, "SUBNET")
+    assert environment_of(file, run)[RANGE] == "SUBNET"
+    assert environment_of(file, run, discovery_range="localhost")[RANGE] == "LOCALHOST"
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+@pytest.mark.parametrize("wrong", ["OFF", "off", "everywhere", "2"])
+def test_a_range_in_which_no_node_finds_another_is_refused(
+    file: str, wrong: str, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RuntimeError, match="LOCALHOST, for this machine alone, or SUBNET is needed"):
+        environment_of(file, run, discovery_range=wrong)
+    monkeypatch.setenv(RANGE, wrong)
+    with pytest.raises(RuntimeError, match=RANGE):
+        environment_of(file, run)
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_nodes_take_their_parameters_from_a_file(file: str, run: Path, tmp_path: Path) -> None:
     given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+    for node in nodes(launched(file, **given)).values():
+        assert node.files == [str(ROOT / "config" / "nodes.yaml")]
+        assert node.parameters[0] == node.files[0], "an argument goes before the file"
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**:\n  ros__parameters:\n    credit: 4\n")
+    for node in nodes(launched(file, **given, params_file=mine)).values():
+        assert node.files == [str(mine)]
 
-    def environment(**more: object) -> dict[str, str]:
-        entities = launched(file, **given, **more)
-        return {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
 
-    assert environment() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    assert environment(discovery_range="SUBNET")["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+def test_an_argument_that_is_not_given_leaves_the_parameter_to_the_file() -> None:
+    graph = nodes(launched("sweep.launch.py"))
+    assert set(graph["coordinator"].given) == set(graph["dashboard"].given) == {"runs_dir"}
 
 
 @pytest.mark.parametrize(
@@ -204,13 +145,37 @@ def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path) -> N
     [
         ({"simulators": "0"}, "simulators:=0: a whole number from 1 on"),
         ({"simulators": "many"}, "simulators:=many: a whole number"),
+        ({"simulators": "1000"}, "simulators:=1000: a whole number from 1 on, to 100"),
         ({"view": "maybe"}, "view:=maybe: true or false"),
         ({"once": "1"}, "once:=1: true or false"),
+        ({"runs_dir": "/proc/x"}, "runs_dir:=/proc/x: cannot be made or written"),
+        ({"runs_dir": __file__}, "cannot be made or written: File exists; a directory of yours is needed"),
+        ({"params_file": "/no/such"}, "params_file:=/no/such: cannot be read: No such file or directory"),
+        ({"namespace": "my bow"}, "namespace:=my bow: letters, digits and _ are needed"),
+        ({"namespace": ""}, "letters, digits and _ are needed"),
     ],
 )
 def test_a_wrong_argument_is_named_with_what_would_be_right(wrong: Mapping[str, str], message: str) -> None:
-    with pytest.raises(RuntimeError, match=message):
+    with pytest.raises(RuntimeError, match=message) as error:
         launched("sweep.launch.py", **wrong)
+    assert len(str(error.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"rate": "fast"}, "rate:=fast: a number above 0"),
+        ({"rate": "0"}, "rate:=0: a number above 0"),
+        ({"rate": "nan"}, "rate:=nan: a number above 0"),
+        ({"view": "maybe"}, "view:=maybe: true or false"),
+        ({"namespace": "a-b"}, "namespace:=a-b: letters"),
+        ({"run": "/no/such/run"}, "not a complete rosbag2 directory"),
+    ],
+)
+def test_a_wrong_argument_of_a_replay_is_named_too(wrong: Mapping[str, str], message: str, run: Path) -> None:
+    with pytest.raises(RuntimeError, match=message) as error:
+        launched("replay.launch.py", **{"run": run, **wrong})
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.fixture
@@ -235,9 +200,13 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
     assert {node.namespace for node in nodes(entities).values()} == {"/bow/replay"}
 
 
-def test_a_replay_of_no_bag_is_told_so(tmp_path: Path) -> None:
+def test_a_replay_of_no_bag_is_told_so_in_one_line(tmp_path: Path, run: Path) -> None:
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory"):
         launched("replay.launch.py", run=tmp_path)
+    (run / "bag" / "metadata.yaml").write_text("a: [\nb: }")
+    with pytest.raises(RuntimeError, match="not a complete rosbag2 directory") as error:
+        launched("replay.launch.py", run=run)
+    assert len(str(error.value).splitlines()) == 1
 
 
 @pytest.fixture
@@ -254,6 +223,63 @@ def processes() -> Iterator[list[subprocess.Popen[bytes]]]:
             process.wait()
 
 
+Processes = dict[str, "subprocess.Popen[bytes]"]
+
+
+def start(entities: list[Any], scratch: Path, processes: list[subprocess.Popen[bytes]]) -> Processes:
+    """Start the nodes as launch does, each with a log beside."""
+    environment = {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
+    started = {}
+    for name, node in nodes(entities).items():
+        command = node.command(Path(sys.prefix), scratch)
+        with open(scratch / f"{name}.log", "wb") as log:
+            started[name] = subprocess.Popen(
+                command, stdout=log, stderr=subprocess.STDOUT, env=os.environ | environment, cwd=scratch
+            )
+        processes.append(started[name])
+    return started
+
+
+def interrupt(process: subprocess.Popen[bytes]) -> None:
+    """Send SIGINT as soon as our code has begun, which catches SIGTERM, as Python itself does not."""
+    deadline = time.monotonic() + 60
+    while process.poll() is None and time.monotonic() < deadline:
+        with contextlib.suppress(OSError):
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            if int(status.partition("SigCgt:")[2].split()[0], 16) >> (signal.SIGTERM - 1) & 1:
+                break
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+
+
+def test_a_launch_that_cannot_be_leaves_one_useful_line(
+    tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
+) -> None:
+    entities = launched("sweep.launch.py", preset="nope", runs_dir=tmp_path / "runs", simulators=2)
+    started = start(entities, tmp_path, processes)
+    assert started["coordinator"].wait(60) == 1
+    for process in started.values():  # what the end of the coordinator sets off, while others may still import
+        interrupt(process)
+    assert {process.wait(30) for name, process in started.items() if name != "coordinator"} == {0}
+    said = "".join((tmp_path / f"{name}.log").read_text() for name in started)
+    assert "preset 'nope'" in said
+    assert "Traceback" not in said
+    assert len([line for line in said.splitlines() if "[INFO]" not in line]) == 1, said
+
+
+def test_signals_at_any_moment_of_the_start_leave_no_traces(
+    tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
+) -> None:
+    entities = launched("sweep.launch.py", runs_dir=tmp_path / "runs", simulators=2)
+    started = start(entities, tmp_path, processes)
+    for number, process in enumerate(started.values()):
+        time.sleep(0.3 * number)
+        interrupt(process)
+    assert {process.wait(30) for process in started.values()} == {0}
+    said = "".join((tmp_path / f"{name}.log").read_text() for name in started)
+    assert "Traceback" not in said, said
+
+
 @pytest.mark.full
 def test_the_launched_graph_runs_a_sweep_to_its_end(
     tmp_path: Path, ros_domain: int, processes: list[subprocess.Popen[bytes]]
@@ -261,16 +287,7 @@ def test_the_launched_graph_runs_a_sweep_to_its_end(
     settings = "x.count=2 y.count=2 periods=10"
     runs = tmp_path / "runs"
     entities = launched("sweep.launch.py", preset="fig11d", settings=settings, runs_dir=runs, once="true", simulators=2)
-    environment = {one.name: one.value for one in entities if isinstance(one, SetEnvironmentVariable)}
-    graph = nodes(entities)
-    started = {}
-    for name, node in graph.items():
-        command = node.command(Path(sys.prefix), tmp_path)
-        with open(tmp_path / f"{name}.log", "wb") as log:
-            started[name] = subprocess.Popen(
-                command, stdout=log, stderr=subprocess.STDOUT, env=os.environ | environment, cwd=tmp_path
-            )
-        processes.append(started[name])
+    graph, started = nodes(entities), start(entities, tmp_path, processes)
     deadline = time.monotonic() + 120
     while started["coordinator"].poll() is None and time.monotonic() < deadline:
         time.sleep(0.1)

@@ -17,7 +17,6 @@ IMPURE = {
     "bow_classifier.node": {"rclpy", "bow_msgs"},
     "bow_sweep.announce": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator": {"rclpy", "bow_msgs", "mcap"},
-    "bow_sweep.pool": {"rclpy", "bow_msgs"},
     "bow_sweep.record.bag": {"mcap"},
     "bow_sweep.record.index_survey": {"mcap"},
     "bow_sweep.record.inspection": {"mcap"},

@@ -25,10 +25,12 @@ PYTHON = os.path.join(VENV, "bin", "python")
 RECORD = os.path.join(VENV, ".bow-setup.json")
 STARTED = os.path.join(VENV, ".bow-setup.started")  # ours, and not finished
 
-# ROS and Python settings of the caller's shell. They would send this environment's Python to other libraries.
+# ROS, Python and Numba settings of the caller's shell. They would send this environment's Python to other libraries,
+# or the compiled code elsewhere than beside the sources, where every user of this installation finds it.
 LEAKS = (
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME "
-    "PYTHONPATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION VIRTUAL_ENV PIP_PREFIX PIP_TARGET PIP_USER"
+    "PYTHONPATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION VIRTUAL_ENV PIP_PREFIX PIP_TARGET PIP_USER "
+    "PYTHONWARNINGS NUMBA_CACHE_DIR NUMBA_CACHE_LOCATOR_CLASSES NUMBA_DISABLE_JIT"
 ).split()
 
 # The system's own Python, for those whose python3 is one that was compiled at home.

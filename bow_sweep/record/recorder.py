@@ -20,13 +20,15 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 
 from bow_sim import wire
-from bow_sim.ros import STREAM, BowNode, RCLError, has_met, live
+from bow_sim.authority import Authority
+from bow_sim.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
+from bow_sim.ros import STREAM, BowNode, RCLError, live
 
 from .bag import FOLDER, BagError
 from .expected import CLOSED, OPEN, Expected
 from .recover import LockedError
 from .session import COMMIT_S, AlreadyClosedError, Session, log_name
-from .topics import TOPICS, Qos, Topic
+from .topics import STORED_ONCE, TOPICS, Qos, Topic
 
 HELP = """
 usage: ros2 run bow recorder [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
@@ -44,6 +46,10 @@ RETRY_S = 0.25
 
 COMPLAINTS = 20
 """Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
+
+
+READERS = (("receipts", "coordinator"),)
+"""Who has to hear what."""
 
 
 def subscription_qos(qos: Qos) -> QoSProfile:
@@ -70,7 +76,7 @@ class RecorderNode(BowNode):
             "run_dir": ("", "exact run directory, instead of one below runs_dir"),
         }
         runs_dir, run_dir = (
-            self.declare_parameter(name, default, ParameterDescriptor(description=what)).value
+            self.declare_parameter(name, default, ParameterDescriptor(description=what, read_only=True)).value
             for name, (default, what) in texts.items()
         )
         switches = {
@@ -85,10 +91,13 @@ class RecorderNode(BowNode):
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
-        self._complained = 0
+        self._complained = self._counted = 0
         self._outbox: deque[bytes] = deque()
-        self._try_at = 0.0
-        self._names = {name: self.resolve_topic_name(name) for name in TOPICS}
+        self._try_at = self._last_sent = self._waits_until = 0.0
+        self._authority = Authority(self.works_for)
+        # In the bag a topic has the name that readers look for, also where it is remapped on the graph.
+        prefix = self.get_namespace().rstrip("/")
+        self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
         self._receipts = self.create_publisher(Receipt, "receipts", STREAM)
         for topic in TOPICS.values():
@@ -97,19 +106,26 @@ class RecorderNode(BowNode):
             kind = _class_of(topic)
             taker = self._on_plan if topic.name == "plan" else self._taker(topic, kind)
             self.create_subscription(kind, topic.name, taker, subscription_qos(topic.qos), raw=True)
-        self.create_timer(COMMIT_S, self._tick)
+        self.every(COMMIT_S, self._tick)
         self.become(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
         checked = topic.name in ("health", "basin_map/image", "diagnostics", "/rosout")
+        sealed = STORED_ONCE.get(topic.name, "")
 
         def take(data: bytes) -> None:
+            if sealed and (sender := wire.hello_from(sealed, data)):
+                self.heard(topic.name, sender)
+                return
             session = self._session
             if session is None:
                 return
             if checked and not self._readable(topic, kind, data):
                 return
             session.take(topic.name, data, time.time_ns())
+            for name, sender in session.senders:
+                self.heard(name, sender)
+            session.senders.clear()
             if session.full:
                 self._commit(session)
 
@@ -134,23 +150,37 @@ class RecorderNode(BowNode):
         except wire.WireError as error:
             self._complain(f"plan: {error}")
             return
+        why = self._authority.objection(plan)
+        if why:
+            self.health.ignored += 1
+            self._complain(f"plan: {why}")
+            return
         session = self._session
         if session is not None:
             if (plan["run_id"], plan["sweep_id"]) == (session.expected.run_id, session.expected.sweep_id):
                 session.plan(plan, data, time.time_ns())
                 return
-            if plan["state"] != OPEN:
-                return
             self._finish(f"run {plan['run_id']} opens")
-        if plan["state"] in (OPEN, CLOSED) and (plan["run_id"], plan["epoch"]) != self._done_with:
-            self._waiting = (plan, data)
-            self._open()
+        self._waiting = None
+        if (plan["run_id"], plan["epoch"]) == self._done_with:
+            self._authority.release()
+            self.health.ignored += plan["state"] == OPEN
+            return
+        self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
+        self._open()
 
     def _open(self) -> None:
         assert self._waiting is not None
         plan, data = self._waiting
-        self._waiting = None
         run = str(plan["run_id"])
+        if not self.works_for(plan["incarnation"], run):  # a plan out of a bag, or it has not heard of us yet
+            if self.awake.now() > self._waits_until:
+                self._waiting = None
+                self._authority.release()
+                self.health.ignored += 1
+                self._complain(f"plan: run {run}: no living coordinator {plan['incarnation']} that hears this recorder")
+            return
+        self._waiting = None
         try:
             Expected.of(plan)  # before its run_id names a directory
             directory = self._run_dir or self._runs_dir / run
@@ -169,14 +199,19 @@ class RecorderNode(BowNode):
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
             self.become(Health.FAILED, f"cannot record: {error}", run)
         else:
-            self._complained = 0
+            self._complained = self._counted = 0
             for file in self._session.report["files"]:
                 if file["did"] != "keep":
                     self.get_logger().warning(
                         f"{file['file']} is {file['was']}, {file['did']}: {file['messages']} messages stay; taken out: "
                         f"{', '.join(file['aside']) or 'nothing'}"
                     )
-            self.become(Health.STARTING, "waiting until the coordinator listens to receipts", run)
+            self.become(Health.STARTING, f"opened {self._session.bag.path}", run)
+            self._tick()
+
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Go on at once when the coordinator says that it hears us."""
+        if message.role == "coordinator" and (self._waiting is not None or self.health.state == Health.STARTING):
             self._tick()
 
     # ---- time
@@ -191,9 +226,19 @@ class RecorderNode(BowNode):
             self._finish("the plan is closed")
             return
         self._commit(session)
-        if self.health.state == Health.STARTING and has_met(self, self._receipts, ["coordinator"]):
-            self.become(Health.BUSY, f"records to {session.bag.path}")
+        self._look(session)
         self._publish()
+
+    def _look(self, session: Session) -> None:
+        """Be at work as long as the coordinator of this run says that it hears our receipts."""
+        run, starting, now = session.expected.run_id, self.health.state == Health.STARTING, self.awake.now()
+        if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
+            self._send(session.empty_receipt())
+        missing = self.neighbours.missing(READERS, run, now, HELLO_S if starting else DEAF_S)
+        if missing:
+            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
+        elif starting:
+            self.become(Health.BUSY, f"records to {session.bag.path}")
 
     def beat(self) -> None:
         """Publish the state of this node now, with the counts of the open bag."""
@@ -204,7 +249,8 @@ class RecorderNode(BowNode):
 
     def _count(self, session: Session) -> None:
         self.health.messages, self.health.bytes = session.messages, session.bytes
-        self.health.duplicates, self.health.ignored = session.inventory.duplicates, session.ignored
+        self.health.duplicates = session.inventory.duplicates
+        self.health.ignored, self._counted = self.health.ignored + session.ignored - self._counted, session.ignored
 
     def _commit(self, session: Session) -> None:
         try:
@@ -237,6 +283,7 @@ class RecorderNode(BowNode):
                 )
             else:
                 self._outbox.popleft()
+                self._last_sent = self.awake.now()
 
     def _complain(self, complaint: str) -> None:
         self._complained += 1
@@ -250,6 +297,7 @@ class RecorderNode(BowNode):
             return
         run = session.expected.run_id
         self._done_with = (run, session.last_plan["epoch"]) if session.closed else ("", 0)
+        self._authority.release()
         try:
             message = session.close(time.time_ns())
         except OSError as error:
@@ -263,6 +311,7 @@ class RecorderNode(BowNode):
         """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
         self._session = None
         self._done_with = (session.expected.run_id, session.last_plan["epoch"])
+        self._authority.release()
         session.abandon()
         what = f"{session.bag.path}: {error.strerror or error}; nothing more is recorded; make room and resume"
         self.get_logger().error(what)

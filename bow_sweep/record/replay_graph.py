@@ -11,6 +11,7 @@ import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,15 @@ import rclpy
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.task import Task
 from bow_sim import wire
 from bow_sim.credit import LIMIT, LIMIT_BYTES
 from bow_sim.identity import random_id
+from bow_sim.neighbours import FIRST_HELLO_S
 from bow_sim.reach import apply_defaults
-from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES, has_met
+from bow_sim.ros import HEARD, LATCHED, STREAM, WAVES, BowNode
 from bow_sweep.ending import Ending
 from bow_sweep.supervisor import GraphError, Supervisor, tail
 
@@ -36,7 +37,9 @@ from .survey import Chunks, Key, Survey
 
 CLASSIFIER = "classifier"
 LISTENERS = ("coordinator", "recorder")
-"""Who has to listen before the classifier takes itself for ready."""
+"""Who has to hear verdicts before the classifier takes itself for ready."""
+
+KINDS = {"bridge_force": BridgeForce, "stick_slip": StickSlip}
 
 PATIENCE_S = 60.0
 """Nothing takes so long: neither the classifier's start nor one chunk."""
@@ -88,23 +91,21 @@ class _Graph:
         self.context = rclpy.Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.executor: Executor = EventsExecutor(context=self.context)
-        self.nodes = [self._node(name) for name in LISTENERS]
+        self.nodes = [self._node(role) for role in LISTENERS]
         self.health = Health()
+        self._said = 0.0
         self.answers: deque[bytes] = deque()
         self.states = np.zeros(task.blocks, np.uint8)
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
-        self.streams = {
-            "bridge_force": node.create_publisher(BridgeForce, "bridge_force", WAVES),
-            "stick_slip": node.create_publisher(StickSlip, "stick_slip", WAVES),
-        }
+        self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
         node.create_subscription(Health, "health", self._on_health, HEARD)
-        takers = (self._on_verdicts, lambda _: None)
-        for listener, take in zip(self.nodes, takers, strict=True):
-            listener.create_subscription(Verdicts, "verdicts", take, STREAM, raw=True)
+        for each in self.nodes:
+            each.create_subscription(Verdicts, "verdicts", partial(self._on_verdicts, each), STREAM, raw=True)
 
-    def _node(self, name: str) -> Node:
-        node = rclpy.create_node(name, namespace=self.namespace, context=self.context)
+    def _node(self, role: str) -> BowNode:
+        node = BowNode(role, namespace=self.namespace, context=self.context)
+        node.become(Health.READY, "replays a bag", self.task.run_id)
         self.executor.add_node(node)
         return node
 
@@ -112,8 +113,18 @@ class _Graph:
         if message.role == CLASSIFIER:
             self.health = message
 
-    def _on_verdicts(self, data: bytes) -> None:
-        self.answers.append(data)
+    def _on_verdicts(self, node: BowNode, data: bytes) -> None:
+        node.heard("verdicts", self.health.incarnation)
+        if node is self.nodes[0] and not wire.hello_from("Verdicts", data):
+            self.answers.append(data)
+
+    def say_hello(self) -> None:
+        """Show the classifier our streams until it says that it hears them."""
+        now = time.monotonic()
+        if now - self._said >= FIRST_HELLO_S and not self._streams_are_heard():
+            self._said = now
+            for topic, kind in KINDS.items():
+                self.streams[topic].publish(wire.hello(kind.__name__, self.nodes[0].incarnation))
 
     def open(self) -> None:
         """Start the classifier; return when it has the plan and everybody hears everybody."""
@@ -126,7 +137,8 @@ class _Graph:
                 raise GraphError(f"the classifier does not take the plan: {self.health.detail}")
 
     def _streams_are_heard(self) -> bool:
-        return all(has_met(self.nodes[0], publisher, [CLASSIFIER]) for publisher in self.streams.values())
+        known = self.nodes[0].neighbours.get(self.health.incarnation)
+        return known is not None and set(KINDS) <= known.hears
 
     def say_plan(self) -> None:
         """Publish the plan of the bag as one in progress, with the thresholds and settled blocks of the replay."""
@@ -138,11 +150,13 @@ class _Graph:
             "spec.settings": sorted(others + mine),
             "classifier": self.task.thresholds.hash,
             "block_states": self.states,
+            "incarnation": self.nodes[0].incarnation,
         }
         self.plan.publish(wire.encode("Plan", {**self.survey.plan, **changed}))
 
     def spin(self, deadline: float, until: str) -> None:
         """Take in what comes; raise where the classifier is gone or `deadline` has passed."""
+        self.say_hello()
         self.executor.spin_once(timeout_sec=0.1)
         self.ending.check()
         for death in self.supervisor.buried():

@@ -34,6 +34,10 @@ COMMIT_S = 0.02
 """Seconds after which what has come is written, however little it is."""
 
 
+RUN_OF = {"inspect": "BridgeForce", "basin_map": "BasinMap", "blocks": "Block"}
+"""Topics whose messages say of which run they are, and the names :mod:`bow_sim.wire` has for them."""
+
+
 class AlreadyClosedError(BagError):
     """Nothing is to be done: the bag ends with this very plan."""
 
@@ -88,6 +92,8 @@ class Session:
         self.incarnation = incarnation
         self.messages = self.bytes = self.ignored = 0
         self.complaints: Counter[str] = Counter()
+        self.senders: set[tuple[str, str]] = set()
+        """Topic and incarnation of whose messages were taken; clear it when you have looked."""
         self.last_plan: dict[str, Any] = {}
         self._answers: list[Answer] = []
         self._whole: dict[int, int] = {}  # block -> attempt that completed it, since the last commit
@@ -100,7 +106,7 @@ class Session:
             identity = self.expected.run_id, self.expected.sweep_id
             self.report, found = repair(directory / FOLDER, identity, resuming=True)
             self.last_plan = found.survey.plan
-            if self.closed and (plan["state"], plan["epoch"]) == (CLOSED, self.last_plan["epoch"]):
+            if self.closed and plan["epoch"] <= self.last_plan["epoch"]:  # a finished run goes on in a new epoch only
                 raise AlreadyClosedError(f"{directory / FOLDER} is closed")
             self._restore(found, sync)
             topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
@@ -162,8 +168,8 @@ class Session:
             if topic in STORED_ONCE:
                 if not self._once(topic, data):
                     return
-            elif topic in ("inspect", "basin_map"):
-                self._check_run(topic, data)
+            elif topic in RUN_OF and not self._is_of_run(topic, data):
+                return
         except wire.WireError as error:
             self.ignored += 1
             self.complaints[f"{topic}: {error}"] += 1
@@ -178,6 +184,7 @@ class Session:
     def _once(self, topic: str, data: bytes) -> bool:
         """Check and answer a message that is stored once; return whether it is to be stored."""
         values = self.expected.check(STORED_ONCE[topic], data)
+        self.senders.add((topic, values["incarnation"]))
         block, chunk, attempt, checksum = (values[name] for name in ("block", "chunk", "attempt", "checksum"))
         known = self.inventory.checksum(topic, block, chunk)
         if known not in (None, checksum):
@@ -194,10 +201,13 @@ class Session:
             self._whole[block] = attempt
         return new
 
-    def _check_run(self, topic: str, data: bytes) -> None:
-        values = wire.unseal("BridgeForce", data) if topic == "inspect" else wire.decode("BasinMap", data)
+    def _is_of_run(self, topic: str, data: bytes) -> bool:
+        """Return whether a message says something of this run; one without cells only shows that messages arrive."""
+        name = RUN_OF[topic]
+        values = wire.unseal(name, data) if wire.is_sealed(name) else wire.decode(name, data)
         if (values["run_id"], values["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
             raise wire.WireError(f"run {values['run_id']!r}: this is run {self.expected.run_id}")
+        return name != "Block" or len(values["cells"]) > 0
 
     # ---- what goes out
 
@@ -215,22 +225,21 @@ class Session:
         self._on_disk.update(on_disk)
         self._answers += [Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
         if self._answers:
-            columns = dict(zip(Answer._fields, zip(*self._answers, strict=True), strict=True))
-            message = wire.encode(
-                "Receipt",
-                {
-                    "run_id": self.expected.run_id,
-                    "sweep_id": self.expected.sweep_id,
-                    "incarnation": self.incarnation,
-                    **columns,
-                },
-            )
+            message = self._receipt(self._answers)
             self._answers = []
             self._add("receipts", message, now)
         self.bag.commit()
         if self._disk is not None and whole:
             self._disk.ask(whole)
         return message
+
+    def empty_receipt(self) -> bytes:
+        """Return a receipt for nothing: it shows that receipts arrive, and is not recorded."""
+        return self._receipt([])
+
+    def _receipt(self, answers: list[Answer]) -> bytes:
+        run = {"run_id": self.expected.run_id, "sweep_id": self.expected.sweep_id, "incarnation": self.incarnation}
+        return wire.encode("Receipt", {**run, **{name: [getattr(a, name) for a in answers] for name in Answer._fields}})
 
     def close(self, now: int) -> bytes | None:
         """Commit, finish the file, give up the lock; return the last receipt.

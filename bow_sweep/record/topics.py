@@ -39,6 +39,7 @@ TOPICS: dict[str, Topic] = {
         Topic("verdicts", "bow_msgs/msg/Verdicts", STREAM),
         Topic("receipts", "bow_msgs/msg/Receipt", STREAM),
         Topic("plan", "bow_msgs/msg/Plan", LATCHED),
+        Topic("blocks", "bow_msgs/msg/Block", STREAM),
         Topic("health", "bow_msgs/msg/Health", LATCHED),
         Topic("basin_map", "bow_msgs/msg/BasinMap", LATCHED),
         Topic("basin_map/image", "sensor_msgs/msg/Image", LATCHED),

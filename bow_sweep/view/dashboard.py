@@ -6,11 +6,7 @@ takes up what its predecessor recorded: there is one file, and it does not lose 
 
 from __future__ import annotations
 
-import os
 import re
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -21,9 +17,13 @@ from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.qos import QoSProfile
 
 from bow_sim import wire
-from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, live
+from bow_sim.authority import Authority
+from bow_sim.neighbours import Neighbour
+from bow_sim.ros import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_after, live
 
 from .account import Node
+from .viewer import Viewer
+from .wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
 
 if TYPE_CHECKING:
     from .show import Show
@@ -39,6 +39,9 @@ gets all that came before; view:=true opens a viewer here.
 """
 
 TICK_S = 0.1
+
+EXIT_S = 3
+"""Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
 
 INSPECT_DEPTH = 500
 """A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""
@@ -60,13 +63,14 @@ class DashboardNode(BowNode):
         self._memory = self._declared("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
-        if self._port and not _is_free(self._port):
-            raise StartupError(f"parameter port = {self._port}: is taken on 127.0.0.1; should be a free one, or 0")
         self._show: Show | None = None
         self._past: Show | None = None  # finished, but still served
         self._over: tuple[str, int] = ("", -1)
         self._early: dict[str, Any] | None = None  # a map that came before its plan
+        self._viewer: Viewer | None = None
+        self._notes: list[str] = []
         self._nodes: dict[str, Node] = {}
+        self._authority = Authority(self.works_for)
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
         for kind, topic, taker, qos in (
             (Plan, "plan", self._on_plan, HEARD),
@@ -74,14 +78,13 @@ class DashboardNode(BowNode):
             (BridgeForce, "inspect", self._on_inspect, patient),
         ):
             self.create_subscription(kind, topic, self._taker(kind.__name__, taker), qos, raw=True)
-        self.create_subscription(Health, "health", self._on_health, HEARD)
-        self.create_timer(TICK_S, self._tick)
+        self.every(TICK_S, self._tick)
         from . import show  # noqa: F401  # rerun takes a second to import: now, while the others start too
 
         self.become(Health.READY, "waits for a plan")
 
     def _declared(self, name: str, default: Any, what: str, most: int = 0) -> Any:
-        descriptor = ParameterDescriptor(description=what)
+        descriptor = ParameterDescriptor(description=what, read_only=True)
         if most:
             descriptor.integer_range = [IntegerRange(from_value=0, to_value=most, step=1)]
         return self.declare_parameter(name, default, descriptor).value
@@ -106,6 +109,10 @@ class DashboardNode(BowNode):
     # ---- the plan opens and finishes the recording
 
     def _on_plan(self, plan: dict[str, Any]) -> None:
+        why = self._authority.objection(plan)
+        if why:
+            self._ignore(f"plan: {why}")
+            return
         run, epoch = plan["run_id"], plan["epoch"]
         if self._show is not None:
             if run == self._show.run_id:
@@ -127,34 +134,55 @@ class DashboardNode(BowNode):
         directory = self._run_dir or self._runs_dir / run
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
             return  # over before we came, and nobody asked for this very run
+        if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
+            self._ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
+            return
         self._let_go()
-        port = self._port or (_free_port() if self._view else 0)
-        if port and not _is_free(port):
-            self.get_logger().warning(f"port {port} is taken: run {run} is not shown live")
+        notes = []
+        port = self._port or (free_port() if self._view else 0)
+        if port and (problem := port_problem(port)):
+            notes.append(f"run {run} is not shown live: port {port} {problem}")
             port = 0
         try:
             self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
         except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
-        watch = f"watch with: rerun --connect {self._show.board.uri}" if port else ""
-        self.become(Health.BUSY, f"writes {directory / FILE}" + (f"; {watch}" if watch else ""), run)
-        if watch:
-            self.get_logger().info(watch)
+        if port:
+            notes.append(f"watch the map grow with: rerun --connect {self._show.board.uri}")
         if port and self._view:
-            self._open_viewer(self._show.board.uri)
+            notes += self._open_viewer(self._show.board.uri)
+        for note in notes:
+            self.get_logger().info(note)
+        self._notes = notes
+        self._become_busy()
         early, self._early = self._early, None
         if early is not None and early["run_id"] == run:
             self._on_map(early)
 
-    def _open_viewer(self, uri: str) -> None:
-        """Start a viewer; when we go it stays, with what it has received."""
-        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            self.get_logger().warning(f"view: there is no display here; where there is one: rerun --connect {uri}")
+    def _become_busy(self) -> None:
+        """Say what is written, and what a user should know."""
+        assert self._show is not None
+        self.become(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
+
+    def _open_viewer(self, uri: str) -> list[str]:
+        """Start a viewer; return what a user should know."""
+        if not has_display():
+            return [f"{NO_DISPLAY}; where there is one: rerun --connect {uri}"]
+        try:
+            self._viewer = Viewer(uri)
+        except OSError as error:
+            return [f"no viewer: {error}"]
+        return []
+
+    def _look_after_viewer(self) -> None:
+        if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
             return
-        quiet: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-        command = [sys.executable, "-m", "rerun", "--connect", uri]
-        subprocess.Popen(command, start_new_session=True, **quiet)  # Ctrl-C in our terminal is not meant for it
+        self._viewer = None
+        if problem:
+            self.get_logger().warning(problem)
+            self._notes.append(problem)
+            self._become_busy()
 
     def _finish(self, why: str) -> None:
         """Finish the file and say so."""
@@ -192,7 +220,8 @@ class DashboardNode(BowNode):
     def _on_inspect(self, values: dict[str, Any]) -> None:
         self._guarded(lambda show: show.inspect(values))
 
-    def _on_health(self, message: Health) -> None:
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Note how the nodes are."""
         self._nodes[message.node] = Node(
             message.node,
             message.role,
@@ -206,6 +235,7 @@ class DashboardNode(BowNode):
         )
 
     def _tick(self) -> None:
+        self._look_after_viewer()
         if self._guarded(lambda show: show.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
@@ -226,26 +256,11 @@ class DashboardNode(BowNode):
         self._let_go()
 
 
-def _is_free(port: int) -> bool:
-    """Return whether a server could listen on a port of this machine's loopback."""
-    with socket.socket() as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port in TIME_WAIT will do
-        try:
-            trial.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-    return True
-
-
-def _free_port() -> int:
-    with socket.socket() as trial:
-        trial.bind(("127.0.0.1", 0))
-        return int(trial.getsockname()[1])
-
-
 def main() -> int:
     """Entry point of ``ros2 run bow dashboard``."""
-    return live(DashboardNode, description=HELP)
+    status = live(DashboardNode, description=HELP)
+    end_after(EXIT_S)
+    return status
 
 
 if __name__ == "__main__":

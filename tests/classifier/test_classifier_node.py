@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ import rclpy
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, SweepSpec, Verdicts
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from bow_classifier.judge import BlockJudge, Geometry
@@ -23,7 +23,7 @@ from bow_classifier.thresholds import Thresholds
 from bow_sim import wire
 from bow_sim.kernel import Block
 from bow_sim.model import Parameters
-from bow_sim.ros import LATCHED, STREAM, WAVES, RCLError
+from bow_sim.ros import LATCHED, STREAM, WAVES, BowNode, RCLError
 
 RUN, SWEEP, NAMESPACE = "0123456789abcdef", "fedcba9876543210", "/bow/test"
 PARAMETERS = Parameters(v_mid=0.2, periods=30)
@@ -43,11 +43,13 @@ class Graph:
     def __init__(self, context: Context | None) -> None:
         self.context = context
         rclpy.init(context=self.context)
-        self.node = Node("coordinator", namespace=NAMESPACE, context=self.context)
-        self.recorder = Node("recorder", namespace=NAMESPACE, context=self.context)
+        self.node = BowNode("coordinator", namespace=NAMESPACE, context=self.context)
+        self.recorder = BowNode("recorder", namespace=NAMESPACE, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.recorder.create_subscription(Verdicts, "verdicts", lambda _: None, STREAM, raw=True)
+        for node in (self.node, self.recorder):
+            node.become(Health.BUSY, "", RUN)
+            self.executor.add_node(node)
+        self.recorder.create_subscription(Verdicts, "verdicts", partial(self.take, self.recorder), STREAM, raw=True)
         self.verdicts: list[bytes] = []
         self.health: dict[str, Health] = {}
         self.plan = self.node.create_publisher(Plan, "plan", LATCHED)
@@ -55,8 +57,13 @@ class Graph:
             "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", WAVES),
             "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", WAVES),
         }
-        self.node.create_subscription(Verdicts, "verdicts", self.verdicts.append, STREAM, raw=True)
+        self.node.create_subscription(Verdicts, "verdicts", partial(self.take, self.node), STREAM, raw=True)
         self.node.create_subscription(Health, "health", lambda m: self.health.update({m.role: m}), LATCHED)
+
+    def take(self, node, data):
+        node.heard("verdicts", wire.decode_head("Verdicts", data)["incarnation"])
+        if node is self.node and not wire.hello_from("Verdicts", data):
+            self.verdicts.append(data)
 
     def until(self, what, seconds=20.0):
         """Let the graph go on until `what` holds."""
@@ -67,6 +74,7 @@ class Graph:
 
     def announce(self, **changes):
         message = Plan(run_id=RUN, sweep_id=SWEEP, epoch=1, state=Plan.OPEN, spec=SweepSpec(settings=SETTINGS))
+        message.incarnation = self.node.incarnation
         message.classifier, message.block_states = THRESHOLDS.hash, b"\x00"
         for name, value in changes.items():
             setattr(message, name, value)

@@ -81,6 +81,7 @@ def plan(**changes):
         "classifier": TASK.thresholds.hash,
         "block_states": [0, 0],
         "rounds": [],
+        "incarnation": "c" * 16,
         **changes,
     }
     return wire.encode("Plan", values)

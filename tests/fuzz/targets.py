@@ -179,22 +179,23 @@ class Targets:
             assert sum(np.size(value) for value in values.values()) <= 2 * len(data) + len(values)
 
     def block(self, chance: Chance) -> None:
-        """A Simulate goal is a block that can be computed, or there is an objection to it."""
-        from bow_msgs.action import Simulate
-        from bow_msgs.msg import SweepSpec
-
-        from bow_sim.node import SimulatorNode
+        """A Block message is one that can be computed, or it is said why not."""
+        from bow_sim.node import Job, SimulatorNode
 
         lines = list(SWEEP.settings()) if chance.random() < 0.7 else []
-        spec = SweepSpec(settings=[line.replace("\0", "") for line in [*lines, *odd_settings(chance)]])
+        settings = [line.replace("\0", "") for line in [*lines, *odd_settings(chance)]]
         count = chance.choice([0, 1, 5, 8, 2000])
-        goal = Simulate.Goal(run_id="run", sweep_id="s", epoch=1, fingerprint="f", spec=spec, block=0, attempt=1)
-        goal.cells = odd_array(chance, count, np.uint32)
-        goal.x, goal.y = odd_array(chance, count, np.float64), odd_array(chance, count, np.float64)
-        node = SimpleNamespace(health=SimpleNamespace(state=1, detail=""), _run=("run", "s"), _epoch=1, _held=0)
-        node._fingerprint, node._prepared = "f", {}
-        node._prepare = functools.partial(SimulatorNode._prepare, node)
-        assert isinstance(SimulatorNode._objection(node, goal), str)  # type: ignore[arg-type]
+        message = {"run_id": "run", "sweep_id": "s", "epoch": 1, "fingerprint": "f", "block": 0, "attempt": 1}
+        message |= {"spec.settings": settings, "cells": odd_array(chance, count, np.uint32)}
+        message |= {axis: odd_array(chance, count, np.float64) for axis in ("x", "y")}
+        node = SimpleNamespace(health=SimpleNamespace(state=1, detail=""), _run=("run", "s"), _epoch=1, _held=[])
+        node._fingerprint, node._lock = "f", threading.Condition()
+        try:
+            job = SimulatorNode._accept(node, message)  # type: ignore[arg-type]
+        except ValueError as error:
+            assert str(error)
+        else:
+            assert isinstance(job, Job)
 
     def answers(self, chance: Chance) -> None:
         """Receipts and verdicts that don't fit are counted by simulator and coordinator, and no more."""
@@ -211,11 +212,13 @@ class Targets:
         data = wire.encode(name, values)
         run = SimpleNamespace(run_id=recording.RUN, sweep=SWEEP, blocks=Blocks(SWEEP.cells, SWEEP.block_cells))
         coordinator = SimpleNamespace(health=SimpleNamespace(ignored=0, messages=0), _run=run, events=[])
+        coordinator.heard = lambda topic, incarnation: None
         coordinator._basin = Basin(SWEEP.x.count, SWEEP.y.count, SWEEP.chunks)
         ledger = Ledger(SWEEP.blocks, SWEEP.chunks)
         coordinator._handle = lambda event: ledger.handle(event, 0.0)
         coordinator._mine = functools.partial(CoordinatorNode._mine, coordinator)
         simulator = SimpleNamespace(health=SimpleNamespace(ignored=0), _run=(recording.RUN, SWEEP.sweep_id))
+        simulator.heard = coordinator.heard
         simulator._lock, simulator._window = threading.Condition(), recording_window()
         if name == "Receipt":
             CoordinatorNode._on_receipts(coordinator, data)  # type: ignore[arg-type]
@@ -365,6 +368,9 @@ def messages() -> dict[str, bytes]:
         field: zero.get(kind, [1, 2, 3] if kind.endswith("[]") else 7)
         for field, kind in wire.FIELDS["BasinMap"].items()
     }
+    block = {
+        field: zero.get(kind, [1, 2, 3] if kind.endswith("[]") else 7) for field, kind in wire.FIELDS["Block"].items()
+    }
     known = {
         "BridgeForce": CHUNK.bridge_force,
         "StickSlip": CHUNK.stick_slip,
@@ -372,6 +378,7 @@ def messages() -> dict[str, bytes]:
         "Receipt": wire.encode("Receipt", receipt),
         "Plan": recording.plan(SWEEP),
         "BasinMap": wire.encode("BasinMap", basin),
+        "Block": wire.encode("Block", block),
     }
     return {name: known[name] for name in wire.FIELDS if name in known}
 

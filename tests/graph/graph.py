@@ -16,8 +16,8 @@ import numpy as np
 import psutil
 import pytest
 
+from bow_sim.leftovers import files_of
 from bow_sim.reach import SHARED_MEMORY
-from bow_sweep.leftovers import files_of
 
 PATIENCE_S = 120.0
 """Any of these sweeps takes seconds; so long on a machine busy with other things."""

@@ -14,7 +14,7 @@ import pytest
 import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
-from bow_msgs.action import RunSweep, Simulate
+from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan, Receipt, StickSlip, SweepSpec, Verdicts
 from graph import PATIENCE_S, assert_same_map, sweeping, verified
 from rclpy.action import ActionClient
@@ -88,9 +88,16 @@ def send(client: Client, spec: SweepSpec, feedback: list | None = None) -> objec
 def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
     nodes: Path, client: Client, undisturbed: Path
 ) -> None:
-    for preset, settings in (("nope", []), ("fig11d", ["f_asym=-1"]), ("fig11d", ["x.count=0"])):
+    for preset, settings, reason in (
+        ("nope", [], "preset 'nope'"),
+        ("fig11d", ["f_asym=-1"], "f_asym"),
+        ("fig11d", ["x.count=0"], "x.count = 0"),
+    ):
         refused = send(client, SweepSpec(preset=preset, settings=settings))
-        assert not refused.accepted  # type: ignore[attr-defined]
+        ended = client.until(refused.get_result_async())  # type: ignore[attr-defined]
+        assert ended.status == GoalStatus.STATUS_ABORTED
+        assert reason in ended.result.message, "who sent it is told why"
+        assert ended.result.run_id == ""
 
     feedback: list = []
     goal = send(client, SweepSpec(preset="fig11d", settings=SETTINGS), feedback)
@@ -104,6 +111,7 @@ def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
     result = answer.result  # type: ignore[attr-defined]
     assert (result.cells_planned, result.cells_done, result.cells_quarantined) == (128, 128, 0), result.message
     run = Path(result.directory)
+    assert run.is_absolute()
     assert run == nodes / result.run_id
     verified(run)
     assert_same_map(undisturbed, run)
@@ -166,33 +174,34 @@ def simulator(ros_domain: int) -> Iterator[object]:
     node.health.state = Health.READY
     yield node
     node.close()
-    node._server.destroy()
     node.destroy_node()
     rclpy.shutdown()
 
 
-def test_a_simulator_rejects_goals_that_cannot_be_right(simulator: object) -> None:
+def test_a_simulator_refuses_blocks_that_cannot_be_right(simulator: object) -> None:
     sweep = Sweep.from_spec("fig11d", SETTINGS)
     cells = sweep.block(3)
     lanes = sweep.lanes(cells)
 
     def objection(**changes: object) -> str:
-        goal = Simulate.Goal(
-            run_id="run",
-            sweep_id=sweep.sweep_id,
-            epoch=1,
-            fingerprint=fingerprint(),
-            spec=SweepSpec(settings=list(sweep.settings())),
-            block=3,
-            attempt=1,
-            cells=cells,
-            x=lanes["f_asym"],
-            y=lanes["f_init_ratio"],
-        )
-        for name, value in changes.items():
-            setattr(goal, name, value)
-        said: str = simulator._objection(goal)  # type: ignore[attr-defined]
-        return said
+        message = {
+            "run_id": "run",
+            "sweep_id": sweep.sweep_id,
+            "epoch": 1,
+            "fingerprint": fingerprint(),
+            "spec.settings": list(sweep.settings()),
+            "block": 3,
+            "attempt": 1,
+            "cells": cells,
+            "x": lanes["f_asym"],
+            "y": lanes["f_init_ratio"],
+            **changes,
+        }
+        try:
+            simulator._accept(message)  # type: ignore[attr-defined]
+        except ValueError as error:
+            return str(error)
+        return ""
 
     assert objection() == ""
     assert "array lengths" in objection(x=lanes["f_asym"][:-1])
@@ -205,8 +214,8 @@ def test_a_simulator_rejects_goals_that_cannot_be_right(simulator: object) -> No
     assert "kernel" in objection(fingerprint="another")
     assert "is not the open one" in objection(run_id="another")
     assert "is not the open one" in objection(sweep_id="another")
-    assert "v_mid" in objection(spec=SweepSpec(settings=[*sweep.settings(), "v_mid=1"]))
-    assert "nonsense" in objection(spec=SweepSpec(settings=["nonsense"]))
+    assert "v_mid" in objection(**{"spec.settings": [*sweep.settings(), "v_mid=1"]})
+    assert "nonsense" in objection(**{"spec.settings": ["nonsense"]})
     simulator._epoch = 2  # type: ignore[attr-defined]
     assert "epoch 1 is over" in objection()
     simulator.health.state = Health.STARTING  # type: ignore[attr-defined]

@@ -23,6 +23,7 @@ from bow_sim import wire
 from bow_sim.blocks import Blocks
 from bow_sim.identity import fingerprint
 from bow_sim.kernel import Block
+from bow_sim.neighbours import BUSY
 from bow_sim.reach import apply_defaults
 from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
@@ -58,7 +59,13 @@ class Chunk:
 
 
 def plan(
-    sweep: Sweep, state: int = OPEN, epoch: int = 1, states: Any = None, run: str = RUN, rounds: Any = None
+    sweep: Sweep,
+    state: int = OPEN,
+    epoch: int = 1,
+    states: Any = None,
+    run: str = RUN,
+    rounds: Any = None,
+    incarnation: str = "c" * 16,
 ) -> bytes:
     """Return a Plan message."""
     return wire.encode(
@@ -74,6 +81,7 @@ def plan(
             "classifier": sweep.thresholds.hash,
             "block_states": np.zeros(sweep.blocks, np.uint8) if states is None else states,
             "rounds": sweep.first_blocks.announce() if rounds is None else rounds,
+            "incarnation": incarnation,
         },
     )
 
@@ -202,7 +210,16 @@ class Graph:
         )
 
     def publish(self, topic: str, data: bytes) -> None:
+        if topic == "plan":  # as its coordinator, which is there and works for the run
+            plan = {**wire.decode("Plan", data), "incarnation": self.node.incarnation}
+            self.node.become(BUSY, "", plan["run_id"])
+            data = wire.encode("Plan", plan)
         self.publishers[topic].publish(data)
+
+    def on_receipts(self, data: bytes) -> None:
+        receipt = wire.decode("Receipt", data)
+        self.node.heard("receipts", receipt["incarnation"])
+        self.answers.append(receipt)
 
     def spin(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -250,21 +267,19 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip, Verdicts
     from rclpy.executors import SingleThreadedExecutor
 
-    from bow_sim.ros import LATCHED, STREAM, WAVES
+    from bow_sim.ros import LATCHED, STREAM, WAVES, BowNode
 
     apply_defaults()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
-    node = rclpy.create_node("coordinator", namespace=NAMESPACE, context=context)
+    node = BowNode("coordinator", namespace=NAMESPACE, context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     made = Graph(directory, node, executor, {**os.environ, "ROS_DOMAIN_ID": str(domain)})
     for name, kind in (("bridge_force", BridgeForce), ("stick_slip", StickSlip), ("verdicts", Verdicts)):
         made.publishers[name] = node.create_publisher(kind, name, STREAM if kind is Verdicts else WAVES)
     made.publishers["plan"] = node.create_publisher(Plan, "plan", LATCHED)
-    node.create_subscription(
-        Receipt, "receipts", lambda data: made.answers.append(wire.decode("Receipt", data)), STREAM, raw=True
-    )
+    node.create_subscription(Receipt, "receipts", made.on_receipts, STREAM, raw=True)
     node.create_subscription(Health, "health", made.health.append, 100)
     try:
         yield made

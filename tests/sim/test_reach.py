@@ -72,3 +72,35 @@ def test_messages_are_lent_with_our_profile_where_shared_memory_has_room(monkeyp
     assert reach.LEND not in reach.defaults({reach.PROFILE: "mine.xml"})
     monkeypatch.setattr(reach, "_free", lambda _: reach.SHARED_ROOM - 1)
     assert reach.defaults({})[reach.LEND] == "0"
+
+
+def test_the_middleware_is_told_this_machine_by_our_profile_alone() -> None:
+    """With LOCALHOST, rmw_fastrtps adds transports on every interface."""
+    loaded = reach.as_loaded({})
+    assert loaded[reach.RANGE] == "SYSTEM_DEFAULT"
+    assert loaded[reach.PROFILE].endswith("/config/fastdds.xml")
+    assert loaded[reach.OWN_FILE_ONLY] == "1"
+    assert not reach.goes_beyond(loaded)
+    assert reach.as_loaded(loaded) == {}, "a child is loaded as its parent"
+    assert reach.as_loaded({reach.RANGE: "localhost"})[reach.RANGE] == "SYSTEM_DEFAULT"
+
+
+def test_only_our_loopback_profile_stands_for_localhost() -> None:
+    assert reach.as_loaded({reach.PROFILE: "mine.xml"}) == {reach.RANGE: "LOCALHOST"}
+    assert reach.as_loaded({reach.PROFILE: "mine.xml", reach.RANGE: "LOCALHOST"}) == {}
+    assert reach.RANGE not in reach.as_loaded({reach.RANGE: "OFF"})
+    assert reach.as_loaded({reach.PEERS: "10.0.0.2"})[reach.RANGE] == "LOCALHOST"
+    assert reach.goes_beyond({reach.RANGE: "SYSTEM_DEFAULT"})
+
+
+def test_an_empty_range_is_none() -> None:
+    assert not reach.goes_beyond({reach.RANGE: ""})
+    assert reach.defaults({reach.RANGE: ""})[reach.RANGE] == "LOCALHOST"
+
+
+def test_the_loopback_profile_needs_no_multicast() -> None:
+    found = reach.find_profile(reach.LOOPBACK_PROFILE)
+    assert found is not None
+    text = found.read_text()
+    assert "<metatrafficUnicastLocatorList>" in text
+    assert "<initialPeersList>" in text

@@ -1,5 +1,6 @@
 """A child that is a copy of this process behaves as one that was started."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -8,7 +9,7 @@ import time
 
 import pytest
 
-from bow_sweep.forked import Forked
+from bow_sweep.forked import UNKNOWN, Forked, Started
 
 
 def test_what_it_returns_is_its_exit_status_and_what_it_prints_is_in_its_file(tmp_path):
@@ -64,3 +65,48 @@ def test_handlers_of_its_parent_are_not_its_own(tmp_path):
         assert child.wait(10) == -signal.SIGTERM
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_an_exit_status_that_somebody_else_took_is_unknown(tmp_path):
+    child = Forked(lambda: 3, tmp_path / "log")
+    os.waitpid(-1, 0)
+    assert child.poll() == UNKNOWN
+    assert child.wait(1) == UNKNOWN
+    child.kill()
+
+
+def test_a_command_whose_status_was_taken_is_no_success(tmp_path):
+    child = Started([sys.executable, "-c", "print('here')"], tmp_path / "log", dict(os.environ), lambda: None)
+    os.waitpid(-1, 0)
+    assert child.wait(1) == UNKNOWN
+    assert (tmp_path / "log").read_text() == "here\n"
+
+
+def test_a_child_of_one_who_ignores_such_news_lives_until_it_ends(tmp_path):
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        child = Forked(lambda: time.sleep(0.3) or 0, tmp_path / "log")
+        assert child.poll() is None
+        assert child.wait(10) == UNKNOWN
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+
+
+def test_a_command_gets_status_signal_and_environment(tmp_path):
+    code = "import os, sys, time; print(os.environ['MINE'], flush=True); sys.stdin.read(); time.sleep(60)"
+    child = Started([sys.executable, "-c", code], tmp_path / "log", {**os.environ, "MINE": "x"}, lambda: None)
+    while not (tmp_path / "log").read_text():
+        assert child.poll() is None
+    child.send_signal(signal.SIGTERM)
+    assert child.wait(10) == -signal.SIGTERM
+
+
+def test_output_that_is_full_or_closed_stops_nobody(tmp_path, monkeypatch):
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        monkeypatch.setattr(sys, "stderr", None)
+        print("x")
+        assert Forked(lambda: 5, tmp_path / "log").wait(10) == 5
+        monkeypatch.undo()
+        with contextlib.suppress(OSError):
+            full.close()

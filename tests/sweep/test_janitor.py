@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import os
 import signal
@@ -12,9 +13,10 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import inotify_simple
 import pytest
 
-from bow_sweep import leftovers
+from bow_sim import leftovers
 from bow_sweep.janitor import NOTE, House, Janitor
 
 SHARED = Path("/dev/shm")
@@ -251,3 +253,27 @@ def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> 
         wait_until(lambda: not SEGMENT.exists())
         wait_until(lambda: not note.exists())
         wait_until(lambda: not Path(f"/proc/{janitor}/exe").exists())
+
+
+@pytest.mark.parametrize("error", [errno.ENOSYS, errno.EPERM, errno.EINVAL, None])
+def test_where_the_system_tells_nothing_it_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int | None
+) -> None:
+    """Old kernels and sandboxes have no pidfd_open, and some no inotify."""
+
+    def refuse(*_: object) -> int:
+        assert error is not None
+        raise OSError(error, os.strerror(error))
+
+    if error is None:
+        monkeypatch.delattr(os, "pidfd_open")
+    else:
+        monkeypatch.setattr(os, "pidfd_open", refuse)
+        monkeypatch.setattr(inotify_simple.INotify, "__init__", refuse)
+    janitor = Janitor(tmp_path, "/bow/x", [])
+    with watched(janitor, tmp_path) as process:
+        process.kill()  # a zombie has ended
+        wait_until(lambda: not SEGMENT.exists())
+        assert not janitor.died
+    janitor.close(20)
+    assert notes(tmp_path) == []

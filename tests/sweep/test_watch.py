@@ -8,11 +8,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from bow_msgs.msg import Health, Plan
+from bow_msgs.msg import Plan
 
 from bow_sim import wire
 from bow_sweep.supervisor import Child, Supervisor
-from bow_sweep.watch import STUCK_S, SupervisorNode
+from bow_sweep.watch import SupervisorNode
 
 RUN = "a" * 16
 
@@ -36,33 +36,6 @@ def test_only_the_plan_of_our_run_sends_simulators_home(data: bytes, closed: boo
     node = SimpleNamespace(closed=False, get_namespace=lambda: f"/bow/{RUN}")
     SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
     assert node.closed is closed
-
-
-def test_who_does_not_find_the_others_is_named_once_consumers_first() -> None:
-    node = SimpleNamespace(worked=set(), _starting={})
-
-    def says(pid: int, role: str, state: int, now: float, run: str = RUN) -> None:
-        message = Health(pid=pid, role=role, state=state, run_id=run)
-        SupervisorNode._note_start(node, message, now)  # type: ignore[arg-type]
-
-    def stuck(now: float) -> set[int]:
-        return SupervisorNode.stuck(node, now)  # type: ignore[arg-type]
-
-    says(1, "recorder", Health.STARTING, 0)
-    says(2, "simulator", Health.STARTING, 0)
-    says(3, "classifier", Health.STARTING, 0)
-    says(4, "simulator", Health.STARTING, 0, run="")  # waits for a plan
-    says(1, "recorder", Health.STARTING, STUCK_S)
-    says(3, "classifier", Health.BUSY, 1)
-    assert stuck(STUCK_S) == set()
-    assert stuck(STUCK_S + 1) == {1}
-    assert stuck(STUCK_S + 1) == set()
-    says(5, "recorder", Health.STARTING, STUCK_S + 2)
-    says(5, "recorder", Health.BUSY, STUCK_S + 3)
-    assert stuck(2 * STUCK_S + 1) == set()
-    assert stuck(2 * STUCK_S + 2) == {2}
-    assert stuck(3 * STUCK_S + 3) == set()
-    assert node.worked == {3, 5}
 
 
 PATIENT = """

@@ -59,6 +59,7 @@ def plan(state: int = 1, epoch: int = 1, run: str = RUN, nx: int = 8, ny: int = 
         "classifier": "none",
         "block_states": states,
         "rounds": np.zeros(0, np.uint8),
+        "incarnation": "c" * 16,
     }
 
 

@@ -4,7 +4,7 @@ Fast DDS keeps its messages in a segment ``fastrtps_<16 digits>``, and hears of 
 long as it lives, it holds a lock on the file ``..._el`` beside each: such a file goes when nobody holds the lock any
 more. What it lends to readers lies in ``fast_datasharing_<GUID>``, whose owner's process number, or the end of it, is
 in the GUID: that goes when no such process has it in its memory any more. Nothing of this is touched that a process of
-ours did not have while it lived; which it had, :mod:`.janitor` sees.
+ours did not have while it lived; which it had, a janitor sees (:mod:`bow_sweep.janitor`), or :mod:`.notes` say.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import re
 from collections.abc import Container, Iterable
 from pathlib import Path
 
-from bow_sim.reach import SHARED_MEMORY
+from .reach import SHARED_MEMORY
 
 _LOCK = re.compile(rf"{SHARED_MEMORY}/fastrtps_(?:[0-9a-f]{{16}}|(port[0-9]+))_el")
 _LENT = re.compile(
@@ -50,6 +50,12 @@ def is_lock(file: str) -> bool:
     return _LOCK.fullmatch(file) is not None
 
 
+def is_port(file: str) -> bool:
+    """Return whether a file is the lock of a port, which any process of that number takes over."""
+    lock = _LOCK.fullmatch(file)
+    return lock is not None and lock[1] is not None
+
+
 def owner(file: str) -> int | None:
     """Return the lowest two bytes of the number of the process that lends a file; None where it is no such file."""
     lent = _LENT.fullmatch(file)
@@ -74,10 +80,14 @@ def note(path: Path, files: Iterable[str]) -> None:
 def noted(path: Path) -> set[str]:
     """Return the files that a note names; what is none of Fast DDS's is left out."""
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        return named(path.read_text(encoding="utf-8", errors="replace"))
     except OSError:
         return set()
-    return {line for line in lines if _LOCK.fullmatch(line) or _LENT.fullmatch(line)}
+
+
+def named(text: str) -> set[str]:
+    """Return the files that the text of a note names; what is none of Fast DDS's is left out."""
+    return {line for line in text.splitlines() if _LOCK.fullmatch(line) or _LENT.fullmatch(line)}
 
 
 def remove(files: Iterable[str], *, ports: bool = False) -> set[str]:

@@ -1,0 +1,56 @@
+"""Whose plan a node obeys: that of the coordinator which the run in progress belongs to. No ROS, no clock.
+
+A plan is a message that anybody may publish: another coordinator in the namespace, or somebody who plays a bag there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+OPEN, CLOSED = 1, 2
+"""Plan.state."""
+
+
+class Authority:
+    """The run that a node works for, learned from the plan that opened it.
+
+    Parameters
+    ----------
+    is_alive
+        Whether a coordinator, by its incarnation, is heard of and works for a run, by its run_id.
+
+    Attributes
+    ----------
+    refused
+        Plans that were not obeyed.
+    """
+
+    def __init__(self, is_alive: Callable[[str, str], bool]) -> None:
+        self._is_alive = is_alive
+        self.run_id = self.owner = ""
+        self.epoch = 0
+        self.refused = 0
+
+    def objection(self, plan: Mapping[str, Any]) -> str:
+        """Return why a decoded Plan is not to be obeyed, or ""; then it is the one in progress from now on."""
+        run_id, owner, epoch = str(plan["run_id"]), str(plan["incarnation"]), int(plan["epoch"])
+        why = ""
+        if self.run_id == run_id:
+            if epoch < self.epoch or (epoch == self.epoch and owner != self.owner):
+                why = f"epoch {epoch} of coordinator {owner or '?'}: epoch {self.epoch} of {self.owner} is in charge"
+        elif self.run_id and plan["state"] != OPEN:
+            why = f"it closes run {run_id}, run {self.run_id} is in progress"
+        elif self.run_id and owner != self.owner and self._is_alive(self.owner, self.run_id):
+            why = f"run {run_id} of coordinator {owner or '?'}: run {self.run_id} of {self.owner} is in progress"
+        if why:
+            self.refused += 1
+            return why
+        self.run_id, self.owner, self.epoch = run_id, owner, epoch
+        if plan["state"] != OPEN:
+            self.release()
+        return ""
+
+    def release(self) -> None:
+        """No run is in progress any more."""
+        self.run_id, self.owner, self.epoch = "", "", 0

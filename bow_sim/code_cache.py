@@ -1,0 +1,216 @@
+"""Where compiled code is kept, and a word to people while it is made.
+
+Numba keeps the code of a function in one directory, which it must be able to write, and raises where there is none.
+Here code is read from every place where it may lie, first of all beside the sources, where an installation puts it:
+that may be somebody else's, or read-only. What has to be compiled is written to the first place that takes it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from numba.core import config, event
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator, NullCache
+
+SAY_AFTER_S = 2.0
+"""A compilation that takes longer is announced."""
+
+SAY_AGAIN_S = 15.0
+
+_PRIVATE = f"bow-compiled-{os.geteuid()}"
+"""Name of our directory among temporary files."""
+
+
+def beside(source: str) -> str:
+    """Return the directory beside a source file, where an installation leaves the compiled code."""
+    return str(Path(source).parent / "__pycache__")
+
+
+def candidates(source: str) -> Iterator[str]:
+    """Yield the directories where code of a source file may be kept, those to be written first coming first."""
+    folder = InTreeCacheLocator.get_suitable_cache_subpath(source)
+    if config.CACHE_DIR:  # NUMBA_CACHE_DIR
+        yield str(Path(config.CACHE_DIR).absolute() / folder)
+    yield beside(source)
+    cache, home = Path(os.environ.get("XDG_CACHE_HOME") or "."), Path(os.environ.get("HOME") or ".")
+    if cache.is_absolute():
+        yield str(cache / "bow" / folder)
+    elif home.is_absolute() and home.is_dir():
+        yield str(home / ".cache" / "bow" / folder)
+    with contextlib.suppress(OSError):  # no directory for temporary files
+        yield str(Path(tempfile.gettempdir()) / _PRIVATE / folder)
+
+
+def _is_ours(place: Path) -> bool:
+    """Return whether only this user can write into a directory: what is read from there is executed."""
+    try:
+        found = place.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
+
+def _is_trusted(directory: str) -> bool:
+    """Return whether code may be read from one of the candidates."""
+    place = Path(directory).parent
+    return place.name != _PRIVATE or _is_ours(place)
+
+
+class _Locator(InTreeCacheLocator):
+    """Says to Numba where the code of a function is; the directory need not be there."""
+
+    directory = ""
+
+    def get_cache_path(self) -> str:
+        return self.directory
+
+    def ensure_cache_path(self) -> None:
+        place = Path(self.directory).parent
+        if place.name == _PRIVATE:
+            with contextlib.suppress(FileExistsError):
+                place.mkdir(mode=0o700)
+            if not _is_ours(place):
+                raise PermissionError(f"{place}: others can write into it")
+        super().ensure_cache_path()
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        return cls(py_func, py_file)
+
+
+def _cache_in(directory: str, function: Any) -> Any:
+    """Return Numba's cache of a function in a directory."""
+    locator = type("Locator", (_Locator,), {"directory": directory})
+    implementation = type("Implementation", (CompileResultCacheImpl,), {"_locator_classes": [locator]})
+    return type("Cache", (FunctionCache,), {"_impl_class": implementation})(function)
+
+
+class CodeCache(NullCache):
+    """The compiled versions of one function, in every place that there is.
+
+    Parameters
+    ----------
+    function
+        A Python function that is compiled when it is called.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self._function = function
+        source = function.__code__.co_filename
+        self._to_write = [_cache_in(directory, function) for directory in candidates(source)]
+        trusted = [cache for cache in self._to_write if _is_trusted(cache.cache_path)]
+        self._to_read = sorted(trusted, key=lambda cache: cache.cache_path != beside(source))
+
+    @property
+    def cache_path(self) -> str | None:
+        """The directory that a new version goes to; None where none can be written."""
+        for cache in self._to_write:
+            with contextlib.suppress(OSError):
+                cache._impl.locator.ensure_cache_path()
+                return str(cache.cache_path)
+        return None
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the version for a signature; None where there is none, or none that can be read."""
+        for cache in self._to_read:
+            try:
+                found = cache.load_overload(sig, target_context)
+            except Exception:  # no permission, or half a file: pickle raises whatever it meets
+                continue
+            if found is not None:
+                return found
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a version where it can be written; where that is nowhere, it lives as long as this process."""
+        for cache in self._to_write:
+            try:
+                _save(cache, sig, data)
+            except OSError:
+                continue
+            return
+
+
+def _save(cache: Any, sig: Any, data: Any) -> None:
+    try:
+        cache.save_overload(sig, data)
+    except OSError:
+        raise
+    except Exception:  # the index there is damaged: begin a new one
+        cache.flush()
+        cache.save_overload(sig, data)
+
+
+class Announcer(event.Listener):
+    """Says on stderr what is compiled, once it takes long: nothing else would show for up to a minute.
+
+    Parameters
+    ----------
+    print_line
+        Takes a line for people.
+    """
+
+    def __init__(self, print_line: Callable[[str], None]) -> None:
+        self._print = print_line
+        self._said: set[str] = set()
+        self._depth = 0  # a function compiles those that it calls
+        self._over = threading.Event()
+        self._teller: threading.Thread | None = None
+
+    def on_start(self, event: Any) -> None:
+        """Begin to watch the time."""
+        self._depth += 1
+        if self._depth > 1:
+            return
+        dispatcher = event.data["dispatcher"]
+        room = str(dispatcher.py_func.__module__).partition(".")[0]
+        self._over = threading.Event()
+        self._teller = threading.Thread(target=self._tell, args=(room, dispatcher._cache, self._over), daemon=True)
+        self._teller.start()
+
+    def on_end(self, event: Any) -> None:
+        """Stop it: no thread is left, so that this process may be copied."""
+        self._depth -= 1
+        if self._depth == 0 and self._teller is not None:
+            self._over.set()
+            self._teller.join()
+            self._teller = None
+
+    def _tell(self, room: str, cache: Any, over: threading.Event) -> None:
+        began = time.monotonic()
+        if over.wait(SAY_AFTER_S):
+            return
+        what, usually = _WHAT.get(room, (room, "some seconds"))
+        if what not in self._said:
+            self._said.add(what)
+            kept = cache.cache_path
+            where = f"kept in {kept}" if kept else "kept nowhere, as no directory for it can be written"
+            self._print(
+                f"compiling {what} for this machine, usually {usually} in all; the code is {where} "
+                "(NUMBA_CACHE_DIR=DIR: somewhere else)"
+            )
+        while not over.wait(SAY_AGAIN_S):
+            self._print(f"compiling {what}: {time.monotonic() - began:.0f} s so far")
+
+
+_WHAT = {
+    "bow_sim": ("the kernel of the string", "5 to 20 s"),
+    "bow_classifier": ("the classifier's tests", "about a minute"),
+}
+
+
+def _print_line(text: str) -> None:
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # there may be no stderr
+        print(f"bow: {text}", file=sys.stderr, flush=True)
+
+
+event.register("numba:compile", Announcer(_print_line))

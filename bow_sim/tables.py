@@ -1,0 +1,106 @@
+"""Text files with numbers, as people's tools write them: spreadsheets, NumPy, MATLAB, Fortran, in any country.
+
+Nothing is guessed: where a line could mean two things it is refused.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+COMMENTS = re.compile("[#%].*")
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eEdD][+-]?[0-9]+)?")
+
+
+def read_text(path: str | Path) -> str:
+    """Return the text of a file: UTF-8, or UTF-16 that says so, or any 8-bit code, with ends of lines of any system.
+
+    Raises
+    ------
+    OSError
+        Where it cannot be read.
+    ValueError
+        Where it is no text.
+    """
+    content = Path(path).read_bytes()
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):  # Notepad, Excel's "Unicode text"
+        text = content.decode("utf-16")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:  # numbers are ASCII, whatever the comments are
+            text = content.decode("latin-1")
+    if "\0" in text:
+        raise ValueError("is not text")
+    return re.sub(r"\r\n?", "\n", text)
+
+
+def number(word: str) -> float:
+    """Return the number that a word is.
+
+    Raises
+    ------
+    ValueError
+        Where it is none; NaN and infinities are.
+    """
+    word = word.replace("\N{MINUS SIGN}", "-")
+    if not _NUMBER.fullmatch(word):
+        raise ValueError(f"{word!r} is no number")
+    return float(word.upper().replace("D", "E") if word[-1].isdigit() else word)
+
+
+def rows(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield (number of the line, words of its columns), the decimal points as points.
+
+    Columns are separated by white space, commas, semicolons or tabs. Comments begin with ``#`` or ``%``; empty lines,
+    and one line of headings before the first numbers, are left out.
+
+    Raises
+    ------
+    ValueError
+        Where a comma could be a decimal point or not; says in which line.
+    """
+    points = ""
+    first = True
+    for line_number, line in enumerate(text.split("\n"), 1):
+        words = [word.strip().strip("\"'").strip() for word in _columns(COMMENTS.sub("", line).strip())]
+        while words and not words[-1]:
+            words.pop()
+        if not words:
+            continue
+        if first and len(words) > 1 and not any(map(_is_number, words)):
+            first = False
+            continue
+        first = False
+        for word in words:
+            mark = "," if _DECIMAL_COMMA.fullmatch(word) else "." if "." in word and _is_number(word) else ""
+            if mark and points and mark != points:
+                raise ValueError(
+                    f"line {line_number}: {line.strip()!r}: is the comma a decimal point? Lines before say otherwise; "
+                    "should be the same everywhere: points within numbers, and commas, semicolons or tabs between"
+                )
+            points = mark or points
+        yield line_number, [word.replace(",", ".") if _DECIMAL_COMMA.fullmatch(word) else word for word in words]
+
+
+def _columns(line: str) -> list[str]:
+    """Split a line; commas within the parts are decimal points."""
+    for separator in (";", "\t"):
+        if separator in line:
+            return [word.strip().rstrip(",") for word in line.split(separator)]
+    words = line.split()
+    if len(words) == 2 and "," not in words[0].rstrip(","):  # a lag and 0,5, or a lag, and 0.5
+        return [words[0].rstrip(","), words[1].rstrip(",")]
+    return re.split(r"\s*,\s*|\s+", line)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        number(word)
+    except ValueError:
+        return bool(_DECIMAL_COMMA.fullmatch(word))
+    return True

@@ -1,0 +1,62 @@
+"""The rerun viewer as a process of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from .wanted import LOOPBACK, free_port
+
+
+class Viewer:
+    """A viewer's window on a served recording. It outlives us, with what it has received, and hears no Ctrl-C of ours.
+
+    Parameters
+    ----------
+    uri
+        What it shows.
+    program
+        Command that opens a viewer; rerun's own unless given.
+
+    Raises
+    ------
+    OSError
+        Where there is no such program, or it cannot be started.
+    """
+
+    def __init__(self, uri: str, program: Sequence[str] = ()) -> None:
+        command = program or _program()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # until the viewer has ended
+        options = ["--connect", uri, "--bind", LOOPBACK, "--port", str(free_port())]  # it would listen on all addresses
+        self._process = subprocess.Popen(
+            [*command, *options],
+            stdin=subprocess.DEVNULL,
+            stdout=self._said,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    def ended(self) -> str | None:
+        """Return None while it lives, and then, once, why it has failed, or "" where somebody closed it."""
+        status = self._process.poll()
+        if status is None:
+            return None
+        with self._said as said:
+            said.seek(0)
+            lines = said.read().decode(errors="replace").splitlines()
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        if not status and not last.startswith("Error"):  # without a display it says so and ends with 0
+            return ""
+        return f"the viewer ended (exit status {status})" + (f": {last}" if last else "")
+
+
+def _program() -> list[str]:
+    """Return rerun's command, run by a script's name: with `-m` it would import from the working directory."""
+    found = importlib.util.find_spec("rerun_cli")
+    if found is None or not found.submodule_search_locations:
+        raise FileNotFoundError("the package rerun_cli, a part of rerun-sdk, is not installed")
+    return [sys.executable, str(Path(found.submodule_search_locations[0]) / "__main__.py")]

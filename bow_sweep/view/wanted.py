@@ -1,0 +1,110 @@
+"""What a user asks of the dashboard, checked before anything starts. A sweep can do without it, and then says so."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+LOOPBACK = "127.0.0.1"
+"""The only address that anything of ours listens at."""
+
+MOST_PORT = 65535
+
+NOTE = "; note: "
+"""In `Health.detail` of a dashboard, before each thing that a user should know."""
+
+NO_DISPLAY = "there is no display here"
+"""DISPLAY and WAYLAND_DISPLAY are empty."""
+
+NO_RERUN = "rerun is not installed, so there is no dashboard; what would be right: pip install 'rerun-sdk>=0.39,<0.42'"
+
+
+class WantedError(ValueError):
+    """Something that no dashboard can do; says what and what would be right."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The dashboard of a sweep.
+
+    Attributes
+    ----------
+    parameters
+        ROS parameters of its node; None = no dashboard.
+    notes
+        What a user should know before the sweep starts.
+    """
+
+    parameters: dict[str, object] | None
+    notes: tuple[str, ...] = ()
+
+
+def wanted(view: bool, port: str, without: bool, environment: Mapping[str, str] = os.environ) -> Wanted:
+    """Check what ``--view``, ``--port`` and ``--no-dashboard`` ask for.
+
+    Raises
+    ------
+    WantedError
+        Where the arguments contradict each other, or nobody can serve on that port.
+    """
+    number = port_number(port)
+    if without:
+        if view or number:
+            asked = "--view" if view else f"--port {number}"
+            raise WantedError(f"{asked} needs the dashboard that --no-dashboard leaves out; give one of them")
+        return Wanted(None)
+    if number and (problem := port_problem(number)):
+        raise WantedError(f"--port {number}: {problem}")
+    if not _is_installed("rerun"):
+        return Wanted(None, (NO_RERUN,))
+    unseen = f"--view: {NO_DISPLAY} (DISPLAY and WAYLAND_DISPLAY are empty); the map is served instead"
+    return Wanted({"view": view, "port": number}, (unseen,) if view and not has_display(environment) else ())
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ValueError:  # somebody has put something else in its place
+        return False
+
+
+def port_number(text: str) -> int:
+    """Return a port as a number, 0 for none.
+
+    Raises
+    ------
+    WantedError
+        Where it is none.
+    """
+    if not re.fullmatch("[0-9]{1,5}", text) or int(text) > MOST_PORT:
+        raise WantedError(f"--port {text}: should be a whole number from 1 to {MOST_PORT}, or 0 for none")
+    return int(text)
+
+
+def port_problem(port: int) -> str:
+    """Return why nobody can listen on a port of this machine's loopback, or ""."""
+    with socket.socket() as trial:
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port in TIME_WAIT will do
+        try:
+            trial.bind((LOOPBACK, port))
+        except PermissionError:
+            return "is kept for privileged users; should be 1024 or more"
+        except OSError as error:
+            return f"cannot be used on {LOOPBACK} ({error.strerror}); should be a free one"
+    return ""
+
+
+def free_port() -> int:
+    """Return a port of the loopback that nobody listens on."""
+    with socket.socket() as trial:
+        trial.bind((LOOPBACK, 0))
+        return int(trial.getsockname()[1])
+
+
+def has_display(environment: Mapping[str, str] = os.environ) -> bool:
+    """Return whether there is a screen for a viewer's window."""
+    return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))

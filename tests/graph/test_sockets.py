@@ -1,0 +1,143 @@
+"""Nothing listens beyond this machine: no process of a graph has a socket on another address than the loopback's."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from graph import PATIENCE_S, SMALL, sweeping
+from sockets import Socket, family, sockets_of, sockets_seen
+
+from bow_sim import reach
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+ROLES = ("coordinator", "recorder", "classifier", "simulator", "dashboard")
+
+STUB = """#!{python}
+import socket, sys, time
+from pathlib import Path
+words = dict(zip(sys.argv[1::2], sys.argv[2::2]))
+server = socket.create_server((words.get("--bind", "0.0.0.0"), int(words["--port"])))  # as rerun's own
+end = time.monotonic() + 60
+while time.monotonic() < end and not Path({over!r}).exists():
+    time.sleep(0.05)
+"""
+"""Stands for rerun's window."""
+
+
+@pytest.fixture(autouse=True)
+def as_users_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (reach.RANGE, "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def free_port() -> int:
+    with socket.socket() as trial:
+        trial.bind(("127.0.0.1", 0))
+        return int(trial.getsockname()[1])
+
+
+def assert_only_loopback(seen: set[Socket]) -> None:
+    assert {one for one in seen if not one.is_loopback} == set()
+
+
+def seen_in_a_sweep(run: Path, *more: str) -> set[Socket]:
+    with sweeping(run, *SMALL, *more, "--out", str(run)) as sweep, sockets_seen(lambda: sweep.process.pid) as seen:
+        assert sweep.wait() == 0, sweep.text
+    return seen
+
+
+def test_a_sweep_that_serves_its_dashboard_listens_on_the_loopback_alone(tmp_path: Path) -> None:
+    seen = seen_in_a_sweep(tmp_path / "run", "--port", str(free_port()))
+    assert_only_loopback(seen)
+    assert any(one.kind == "TCP" and "dashboard" in one.process for one in seen), "it is served"
+    for role in ("coordinator", "recorder", "classifier", "simulator"):
+        assert any(f"__node:={role}" in one.process for one in seen if one.kind == "UDP"), "all were looked at"
+
+
+def test_the_viewer_is_told_to_listen_there_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stub, over = tmp_path / "viewer", tmp_path / "over"
+    stub.write_text(STUB.format(python=sys.executable, over=str(over)))
+    stub.chmod(0o755)
+    monkeypatch.setenv("RERUN_CLI_PATH", str(stub))
+    monkeypatch.setenv("DISPLAY", ":77")
+    try:
+        seen = seen_in_a_sweep(tmp_path / "run", "--view")
+    finally:
+        over.touch()
+    assert_only_loopback(seen)
+    assert any(one.kind == "TCP" and str(stub) in one.process for one in seen)
+
+
+@pytest.fixture
+def screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A display without a screen."""
+    if not shutil.which("Xvfb") or not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
+        pytest.skip("needs Debian's xvfb and mesa-vulkan-drivers")
+    read, write = os.pipe()
+    words = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(words, pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    with os.fdopen(read) as display:
+        monkeypatch.setenv("DISPLAY", f":{display.readline().strip()}")
+    yield
+    server.terminate()
+    server.wait()
+
+
+@pytest.mark.full
+def test_reruns_own_viewer_does_so(tmp_path: Path, screen: None) -> None:
+    run = tmp_path / "run"
+    viewers: list[psutil.Process] = []
+    with sweeping(run, *SMALL, "--periods", "2000", "--view", "--out", str(run)) as sweep:
+        with sockets_seen(lambda: sweep.process.pid) as seen:
+            sweep.wait_until(lambda: any("rerun_cli/rerun" in one.process for one in seen if one.kind == "TCP"))
+            viewers = [one for one in family(sweep.process.pid) if "rerun_cli" in " ".join(one.cmdline())]
+            sweep.process.send_signal(signal.SIGINT)
+            assert sweep.wait() == 130, sweep.text
+        assert all(viewer.is_running() for viewer in viewers), "it stays, with what it has received"
+        for viewer in reversed(viewers):
+            viewer.kill()
+    assert_only_loopback(seen)
+
+
+def test_nodes_by_hand_are_reached_by_this_machine_alone(tmp_path: Path) -> None:
+    places = ["-p", f"runs_dir:={tmp_path}"]
+    port = ["-p", f"port:={free_port()}"]
+    more = {"coordinator": places, "recorder": places, "dashboard": places + port}
+    nodes = [
+        subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role, "--ros-args", *more.get(role, [])])
+        for role in ROLES
+    ]
+    try:
+        deadline = time.monotonic() + PATIENCE_S
+        while not all(any(one.kind == "UDP" for one in sockets_of(psutil.Process(node.pid))) for node in nodes):
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        time.sleep(1)  # they find each other
+        for node in nodes:
+            assert_only_loopback(sockets_of(psutil.Process(node.pid)))
+    finally:
+        for node in nodes:
+            node.terminate()
+        for node in nodes:
+            node.wait(30)
+
+
+def test_a_replay_through_the_graph_is_heard_by_this_machine_alone(undisturbed: Path) -> None:
+    words = [sys.executable, "-m", "bow_sweep.cli", "replay", "--graph", str(undisturbed)]
+    replay = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    with sockets_seen(lambda: replay.pid) as seen:
+        assert replay.wait(PATIENCE_S) == 0
+    assert_only_loopback(seen)
+    assert any("classifier" in one.process for one in seen)

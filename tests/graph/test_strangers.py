@@ -1,0 +1,243 @@
+"""Nodes started by hand, and what else happens in their namespace: doubles, played bags, remaps, clocks, parameters."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from bow_msgs.action import RunSweep
+from bow_msgs.msg import Health, SweepSpec
+from graph import PATIENCE_S, assert_same_map, verified
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from bow_sim.ros import HEARD
+from bow_sweep.record.bag import messages
+from bow_sweep.record.recorder import _class_of
+from bow_sweep.record.topics import TOPICS
+
+SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
+"""The small sweep of `graph.SMALL`."""
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+
+class Desk:
+    """Nodes that somebody has started, each in a terminal of its own, and a node of the test's."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.folder, self.arguments = folder, arguments
+        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("desk", namespace="/bow", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.action = ActionClient(self.node, RunSweep, "run_sweep")
+        self.health: dict[int, Health] = {}
+        self.node.create_subscription(Health, "health", lambda m: self.health.update({m.pid: m}), HEARD)
+
+    def start(self, role: str, name: str = "", *arguments: str) -> subprocess.Popen[bytes]:
+        """Start a node under a name of the test's."""
+        words = ["-r", f"__node:={name}"] if name else []
+        if role in ("coordinator", "recorder", "dashboard"):
+            words += ["-p", f"runs_dir:={self.folder / 'runs'}"]
+        label = name or role
+        while label in self.processes:
+            label += "+"
+        command = [sys.executable, "-m", "bow_sweep.cli", role, "--ros-args", *words, *self.arguments, *arguments]
+        with open(self.folder / f"{label}.log", "wb") as output:
+            process = subprocess.Popen(command, stdout=output, stderr=output)
+        self.processes[label] = process
+        return process
+
+    def start_all(self) -> None:
+        for role in ("coordinator", "recorder", "classifier", "simulator"):
+            self.start(role, "sim" if role == "simulator" else "")
+
+    def text(self, label: str) -> str:
+        return (self.folder / f"{label}.log").read_text()
+
+    def until(self, what: Callable[[], bool], said: str, seconds: float = 60.0) -> None:
+        deadline = time.monotonic() + seconds
+        while not what():
+            if time.monotonic() > deadline:
+                logs = "\n".join(f"--- {label}\n{self.text(label)[-2000:]}" for label in self.processes)
+                pytest.fail(f"waited until {said}:\n{logs}")
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def wait(self, future: Any) -> Any:
+        self.until(future.done, "an answer comes", PATIENCE_S)
+        return future.result()
+
+    def send(self, *settings: str) -> Any:
+        """Send a goal; return its handle."""
+        assert self.action.wait_for_server(30)
+        spec = SweepSpec(preset="fig11d", settings=[*SETTINGS, *settings])
+        handle = self.wait(self.action.send_goal_async(RunSweep.Goal(spec=spec)))
+        assert handle.accepted
+        return handle
+
+    def sweep(self, *settings: str) -> Path:
+        """Run a sweep to its end, which must be a good one; return its directory."""
+        result = self.wait(self.send(*settings).get_result_async()).result
+        assert result.cells_done == result.cells_planned > 0, result.message
+        return Path(result.directory)
+
+    def close(self) -> None:
+        for process in self.processes.values():
+            process.terminate()
+        statuses = {label: process.wait(30) for label, process in self.processes.items()}
+        self.executor.shutdown()
+        self.action.destroy()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+        assert not {label: status for label, status in statuses.items() if status not in (0, 1)}
+
+
+@contextlib.contextmanager
+def desk(folder: Path, *arguments: str) -> Iterator[Desk]:
+    made = Desk(folder, *arguments)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undisturbed: Path, tmp_path: Path) -> None:
+    with desk(tmp_path) as here:
+        here.start_all()
+        goal = here.send("periods=400")
+        here.until(lambda: any(m.held_blocks for m in here.health.values()), "the simulator is at work")
+        second = {
+            "coordinator": here.start("coordinator"),
+            "recorder": here.start("recorder", "another_recorder"),
+            "classifier": here.start("classifier"),
+            "sim": here.start("simulator", "sim"),
+        }
+        here.until(lambda: all(p.poll() is not None for p in second.values()), "the second of each kind has ended")
+        assert {label: process.returncode for label, process in second.items()} == dict.fromkeys(second, 1)
+        for label in ("coordinator+", "another_recorder", "classifier+", "sim+"):
+            assert "is there already (process " in here.text(label)
+        result = here.wait(goal.get_result_async()).result
+        assert result.cells_done == result.cells_planned == 128
+        verified(Path(result.directory))
+        assert_same_map(undisturbed, here.sweep())
+        for label in ("coordinator", "recorder", "classifier", "sim"):
+            assert here.processes[label].poll() is None
+            assert "restarted" not in here.text(label)
+            assert "Traceback" not in here.text(label)
+
+
+def play(here: Desk, bag: Path, speed: float) -> int:
+    """Publish each message of a bag on its own topic at recorded times, as `ros2 bag play` does; return how many."""
+    publishers: dict[str, Any] = {}
+    for name, topic in TOPICS.items():
+        qos = QoSProfile(
+            depth=1000,
+            reliability=ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy[topic.qos.durability.upper()],
+        )
+        publishers[name] = here.node.create_publisher(_class_of(topic), name, qos)
+    here.until(lambda: publishers["bridge_force"].get_subscription_count() > 0, "the player is matched")
+    first, began, count = 0, time.monotonic(), 0
+    for message in messages(bag):
+        first = first or message.log_time
+        while time.monotonic() - began < (message.log_time - first) / 1e9 / speed:
+            here.executor.spin_once(timeout_sec=0.01)
+        publishers[message.topic].publish(bytes(message.data))
+        count += 1
+    here.executor.spin_once(timeout_sec=0.1)
+    return count
+
+
+def content(directory: Path) -> dict[str, str]:
+    """Return the files of a directory with what is in them."""
+    return {
+        str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(directory.rglob("*"))
+        if path.is_file()
+    }
+
+
+def ignored(here: Desk, role: str) -> int:
+    return next(m.ignored for m in here.health.values() if m.role == role and m.pid == here.processes[role].pid)
+
+
+def test_a_bag_that_is_played_into_a_live_namespace_changes_nothing_and_is_counted(tmp_path: Path) -> None:
+    with desk(tmp_path) as here:
+        here.start_all()
+        finished = here.sweep()
+        before = content(finished)
+        others = {path.name for path in finished.parent.iterdir()}
+        assert play(here, finished / "bag", speed=1.0) > 100  # into an idle graph
+        here.until(lambda: ignored(here, "recorder") > 0, "the recorder has counted the plans")
+        time.sleep(1)
+        assert content(finished) == before
+        assert {path.name for path in finished.parent.iterdir()} == others
+
+        goal = here.send("periods=400", "v_mid=0.3")
+        here.until(lambda: any(m.held_blocks for m in here.health.values()), "the sweep is in progress")
+        counted = ignored(here, "recorder"), ignored(here, "classifier")
+        play(here, finished / "bag", speed=1.0)
+        result = here.wait(goal.get_result_async()).result
+        assert result.cells_done == result.cells_planned == 128, result.message
+        here.until(lambda: ignored(here, "recorder") > counted[0], "the recorder has counted")
+        here.until(lambda: ignored(here, "classifier") > counted[1], "the classifier has counted")
+        account = verified(Path(result.directory))
+        assert account["run"] == result.run_id
+        assert content(finished) == before
+        assert {path.name for path in finished.parent.iterdir()} == {*others, result.run_id}
+        assert "restarted" not in here.text("coordinator")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["-r", "bridge_force:=/strings/force", "-r", "verdicts:=/strings/verdicts"],
+        ["-p", "use_sim_time:=true"],
+    ],
+    ids=["remapped", "sim_time"],
+)
+def test_whatever_topics_and_clocks_are_called_the_sweep_goes_on_and_its_bag_is_found(
+    arguments: Sequence[str], undisturbed: Path, tmp_path: Path
+) -> None:
+    with desk(tmp_path, *arguments) as here:
+        here.start_all()
+        began = time.monotonic()
+        run = here.sweep()
+        assert time.monotonic() - began < 40  # timers that stand still made a minute of it
+        verified(run)
+        assert_same_map(undisturbed, run)
+
+
+def test_parameters_that_are_not_obeyed_cannot_be_set(tmp_path: Path) -> None:
+    tried = {
+        "coordinator": ("runs_dir", "preset", "run_id", "settings", "once"),
+        "recorder": ("runs_dir", "run_dir"),
+        "sim": ("credit", "inspect"),
+        "dashboard": ("runs_dir", "port", "view", "server_memory"),
+    }
+    with desk(tmp_path) as here:
+        for label in tried:
+            here.start("simulator" if label == "sim" else label, label if label == "sim" else "")
+        for label, names in tried.items():
+            client = here.node.create_client(SetParameters, f"/bow/{label}/set_parameters")
+            assert client.wait_for_service(30)
+            for name in names:
+                value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/elsewhere")
+                request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+                (answer,) = here.wait(client.call_async(request)).results
+                assert not answer.successful, (label, name)

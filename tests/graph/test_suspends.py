@@ -1,0 +1,91 @@
+"""Processes that are stopped and go on, as a laptop's sleep or a batch system does it: the sweep ends by itself."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from graph import Sweep, assert_same_map, run_sweep, sweeping, verified
+
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
+
+LONG = ["fig11d", "--nx", "32", "--ny", "16", "--periods", "200", "--set", "block_cells=16"]
+"""512 cells in 32 blocks: some seconds."""
+
+ENDS_WITHIN_S = 60.0
+"""After the stop, on a machine that is busy with other things too."""
+
+EVERYBODY = ("supervisor", "coordinator", "recorder", "classifier", "simulator_1", "simulator_2", "dashboard")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sweep without a stop."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", "101")
+        return run_sweep(tmp_path_factory.mktemp("whole") / "run", *LONG)
+
+
+def processes(sweep: Sweep, roles: tuple[str, ...]) -> list[psutil.Process]:
+    """Return those of some roles that there are by now."""
+    found = [process for role in roles if role != "supervisor" for process in sweep.children(role)]
+    return [*found, psutil.Process(sweep.process.pid)] if "supervisor" in roles else found
+
+
+def chance(seed: int) -> tuple[str, ...]:
+    """Return a random subset of the processes, the same for the same seed."""
+    roles = random.Random(seed)
+    return tuple(roles.sample(EVERYBODY, roles.randint(1, len(EVERYBODY) - 1)))
+
+
+CASES = [
+    (1, EVERYBODY, 0.0),
+    (1, ("recorder", "classifier"), 0.5),
+    (1, chance(1), 1.0),
+    (10, EVERYBODY, 0.8),
+    (10, ("coordinator",), 0.5),
+    (10, ("simulator_1", "simulator_2"), 0.5),
+    (26, EVERYBODY, 0.0),
+    (26, ("recorder",), 0.0),
+    (26, ("coordinator", "classifier"), 0.8),
+    (26, chance(2), 0.3),
+    (26, chance(3), 1.5),
+    (60, chance(4), 0.8),
+    *((300, chance(seed), 0.8) for seed in (5, 6)),
+]
+
+
+@pytest.mark.parametrize(
+    ("stop_s", "roles", "after_s"),
+    CASES,
+    ids=[f"{stop}s-after-{after}s-{'+'.join(roles) if len(roles) < 7 else 'all'}" for stop, roles, after in CASES],
+)
+@pytest.mark.timeout(600)
+def test_a_sweep_that_is_suspended_goes_on_by_itself_and_ends_whole(
+    stop_s: int, roles: tuple[str, ...], after_s: float, whole: Path, tmp_path: Path
+) -> None:
+    if stop_s > 60 and not os.environ.get("BOW_LONG_TESTS"):
+        pytest.skip("takes minutes: only with BOW_LONG_TESTS=1")
+    run = tmp_path / "run"
+    with sweeping(run, *LONG, "--simulators", "2", "--out", str(run)) as sweep:
+        sweep.wait_until((run / "ledger.jsonl").exists)
+        time.sleep(after_s)
+        stopped = processes(sweep, roles)
+        for process in stopped:
+            process.send_signal(signal.SIGSTOP)
+        time.sleep(stop_s)
+        for process in stopped:
+            with contextlib.suppress(psutil.NoSuchProcess):  # the others may have ended the sweep, and then it
+                process.send_signal(signal.SIGCONT)
+        began = time.monotonic()
+        assert sweep.wait() == 0, sweep.text
+        assert time.monotonic() - began < ENDS_WITHIN_S, sweep.text
+        assert "Traceback" not in sweep.text
+    verified(run)
+    assert_same_map(whole, run)
