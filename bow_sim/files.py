@@ -38,9 +38,20 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
         os.replace(aside, path)
+        sync_directory(path.parent)
     except BaseException:
         aside.unlink(missing_ok=True)
         raise
+
+
+def sync_directory(directory: Path) -> None:
+    """See on the disk which files are in a directory, where its file system can be asked."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:

@@ -185,15 +185,17 @@ class SimulatorNode(BowNode):
         self.heard("receipts", receipt["incarnation"])
         if (receipt["run_id"], receipt["sweep_id"]) != self._run:
             return
-        judged = (receipt["kind"] == wire.RECEIPT_VERDICTS).tolist()
+        kinds = receipt["kind"].tolist()
         blocks, chunks = receipt["block"].tolist(), receipt["chunk"].tolist()
-        if not len(blocks) == len(chunks) == len(judged):
+        if not len(blocks) == len(chunks) == len(kinds):
             self.health.ignored += 1
             return
         now = time.monotonic()
         with self._lock:
-            for block, chunk, verdict in zip(blocks, chunks, judged, strict=True):
-                self._window.answered((block, chunk), now, receipted=not verdict, judged=verdict)
+            for block, chunk, kind in zip(blocks, chunks, kinds, strict=True):
+                if kind != wire.RECEIPT_BLOCK:
+                    judged = kind == wire.RECEIPT_VERDICTS
+                    self._window.answered((block, chunk), now, receipted=not judged, judged=judged)
             self._lock.notify_all()
 
     # ---- blocks

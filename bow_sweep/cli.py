@@ -105,8 +105,12 @@ def _add_run_commands(commands: Any) -> None:
     recover = commands.add_parser(
         "recover",
         help="repair a bag whose writer was killed",
-        description="Keep the complete chunks of every file of a run's bag that was cut off, and write its index anew.",
+        description="Keep what is whole in a run's bag, set aside in files beside it (bag_aside/) what is not, and "
+        "write its index anew; `bow sweep --resume` does this by itself. Prints JSON. "
+        "Exit status 0 if nothing damaged is left.",
     )
+    recover.add_argument("--dry-run", action="store_true", help="say what would be done, change nothing")
+    recover.add_argument("--no-lock", action="store_true", help="where the file system has no locks")
     recover.set_defaults(run=_recover)
     for parser in (verify, replay, recover):
         parser.add_argument("directory", metavar="RUN", type=Path, help="run directory")
@@ -148,7 +152,7 @@ def _recover(args: argparse.Namespace) -> int:
     from .record.recover import recover
 
     try:
-        result = recover(args.directory)
+        result = recover(args.directory, dry_run=args.dry_run, lock=not args.no_lock)
     except (OSError, ValueError) as error:
         return fail(str(error))
     print(json.dumps(result, indent=2))

@@ -8,7 +8,8 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -126,6 +127,12 @@ def add_command(commands: Any) -> None:
         "--port", metavar="P", default="0", help="serve the dashboard to `rerun --connect` on P of 127.0.0.1"
     )
     parser.add_argument("--no-dashboard", action="store_true", help="no dashboard node, no dashboard.rrd")
+    parser.add_argument(
+        "--no-sync", action="store_true", help="call blocks done before they are on the disk: who trusts the power"
+    )
+    parser.add_argument(
+        "--no-lock", action="store_true", help="where the file system has no locks; see that nobody else is at work"
+    )
     parser.set_defaults(run=_sweep)
 
 
@@ -168,11 +175,12 @@ def _sweep(args: argparse.Namespace) -> int:
     held: Claim | None = None
     try:
         if args.resume:
-            held = take_up(args.resume.resolve())
+            held = take_up(args.resume.resolve(), not args.no_lock)
             directory = held.directory
             if (directory / FILE).exists():
                 campaign = Campaign.in_directory(directory)
-            jobs = _unfinished(campaign, directory) if campaign else _resumed(directory)
+            locks = not args.no_lock
+            jobs = _unfinished(campaign, directory, locks) if campaign else _resumed(directory, locks)
         else:
             settings = embed_files(short + args.settings)
             if args.preset in campaigns():
@@ -181,7 +189,7 @@ def _sweep(args: argparse.Namespace) -> int:
             else:
                 jobs = {"": _Job(Path(), random_id(), Sweep.from_spec(args.preset, settings))}
             name = args.preset or jobs[""].sweep.parameters.model
-            held = claim(args.out, name)
+            held = claim(args.out, name, not args.no_lock)
             directory = held.directory
             jobs = {preset: replace(job, directory=directory / preset) for preset, job in jobs.items()}
             if campaign:
@@ -205,27 +213,22 @@ def _sweep(args: argparse.Namespace) -> int:
     return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
 
 
-def _resumed(directory: Path) -> dict[str, _Job]:
-    """Return what is left to do of a run: it, or nothing."""
-    from .run import is_finished, read_ledger
+def _resumed(directory: Path, locks: bool) -> dict[str, _Job]:
+    """Return what is left to do of a run: it, or nothing; says what was found in ledger and bag."""
+    from .resume import prepare
 
-    entries = read_ledger(directory)
-    plan = entries[0]
-    if is_finished(directory, entries):
-        return {}
-    return {"": _Job(directory, plan["run_id"], Sweep.from_spec("", plan["settings"]), True)}
+    run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), locks)
+    return {} if run.complete else {"": _Job(directory, run.run_id, run.sweep, True)}
 
 
-def _unfinished(campaign: Campaign, directory: Path) -> dict[str, _Job]:
+def _unfinished(campaign: Campaign, directory: Path, locks: bool) -> dict[str, _Job]:
     """Return what is left to do of a campaign that was cut off."""
-    from .run import LEDGER
-
     left: dict[str, _Job] = {}
     for preset, sweep in campaign.sweeps().items():
         run = directory / preset
-        if not (run / LEDGER).exists():
+        if not run.is_dir() or not (any(run.glob("ledger.jsonl*")) or any(run.glob("bag/*"))):
             left[preset] = _Job(run, random_id(), sweep)
-        elif job := _resumed(run).get(""):
+        elif job := _resumed(run, locks).get(""):
             left[preset] = job
     return left
 
@@ -244,6 +247,8 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard:
     runs = [job.directory for job in jobs]
     total = sum(job.sweep.budget for job in jobs)
     before = 0
+    if args.no_lock:
+        display.say("the run directory is not locked: see that nobody else is at work on it")
     try:
         for number, job in enumerate(jobs, 1):
             p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
@@ -258,7 +263,12 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard:
             job.directory.mkdir(exist_ok=True)
             shown = None if left_out else dashboard.parameters  # one that could not live once is left out for good
             options = {"simulators": args.simulators, "dashboard": shown, "display": display}
+            options |= {"sync": not args.no_sync, "lock": not args.no_lock}
             left_out += conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
+            if problem := _self_check(job, display.say):
+                display.stop()
+                held.release(*runs)
+                return fail(problem, FAILED)
             before += job.sweep.budget
     except KeyboardInterrupt:
         display.stop()
@@ -270,6 +280,41 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard:
     display.stop()
     held.release(*runs)
     return DONE
+
+
+SAID_S = 2.0
+"""A self-check that takes longer is mentioned."""
+
+
+def _self_check(job: _Job, say: Callable[[str], None]) -> str:
+    """Hold bag, ledger, map and report of a finished run against each other; return what does not agree, or "".
+
+    By index, without reading every byte; a run that was gone on with is read whole, as nobody knows what befell it.
+    """
+    from .record.verify import verify
+
+    began = time.monotonic()
+    result = verify(job.directory, judge=False, index=not job.resume)
+    took = time.monotonic() - began
+    if took > SAID_S:
+        say(f"checking bag, ledger, map and report took {took:.1f} s")
+    if result["ok"]:
+        return ""
+    lines = [
+        ", ".join(
+            [problem["what"], *(f"{name} {problem[name]}" for name in ("file", "block", "chunk") if name in problem)]
+        )
+        for problem in result["problems"][:SHOWN]
+    ]
+    run = shlex.quote(str(job.directory))
+    return (
+        f"the run does not hold, {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
+        f"all of them: bow verify {run}\nwhat is not whole is computed again by: bow sweep --resume {run}"
+    )
+
+
+SHOWN = 5
+"""Problems of a self-check on the screen."""
 
 
 def _conclude(campaign: Campaign, directory: Path, left_out: Sequence[Path] = ()) -> int:

@@ -56,6 +56,8 @@ def conduct(
     simulators: int,
     dashboard: dict[str, Any] | None,
     display: Display,
+    sync: bool = True,
+    lock: bool = True,
 ) -> list[Path]:
     """Run the graph until the run in `directory` is finished; return the logs of what was left out of it.
 
@@ -69,6 +71,10 @@ def conduct(
         Processes in the pool.
     dashboard
         ROS parameters of the dashboard, None for none.
+    sync
+        A block is done only when it is on the disk.
+    lock
+        Lock the run directory.
 
     Raises
     ------
@@ -77,7 +83,7 @@ def conduct(
     KeyboardInterrupt
         After Ctrl-C or SIGTERM; everything has been stopped in order.
     """
-    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard is not None}
+    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard is not None, "lock": lock}
     if resume:
         coordinator["resume"] = str(directory)
     else:
@@ -85,7 +91,7 @@ def conduct(
         coordinator |= {"run_dir": str(directory), "run_id": run_id, **spec}
     parameters: dict[str, dict[str, object]] = {
         "coordinator": coordinator,
-        "recorder": {"run_dir": str(directory)},
+        "recorder": {"run_dir": str(directory), "sync": sync, "lock": lock},
         "dashboard": {"run_dir": str(directory), **(dashboard or {})},
         "simulator": {"inspect": inspected_cells(sweep)},
     }

@@ -22,13 +22,13 @@ from bow_sim.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neighbour
 from bow_sim.ros import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError, live
 
 from . import announce
-from .basin import Basin
 from .closing import DRAW_S, DRAW_SAY_S, waits_for
 from .consumers import Consumers
-from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Receipted, Record, Settled, State, Tick
+from .ledger import ConsumerRestarted, Dispatch, Event, Grown, Judged, NewEpoch, Record, Settled, State, Tick, receipted
 from .plan import Sweep
 from .pool import Pool
-from .results import load_basin, playability_of, prepare, write_results
+from .results import basin_of, playability_of, prepare, write_results, writing
+from .resume import resume
 from .run import Run, RunError
 
 HELP = """
@@ -65,6 +65,7 @@ class CoordinatorNode(BowNode):
         settings = self._declared("settings", [""], '"name=value" settings over the preset')
         self._once = self._declared("once", False, "end this process when the first run is finished")
         self._shown = self._declared("dashboard", False, "a dashboard was started: end a run only when it has drawn it")
+        self._locks = self._declared("lock", True, "lock run directories; false: not, for file systems without locks")
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._run: Run | None = None
         self._goal: Any = None
@@ -95,7 +96,7 @@ class CoordinatorNode(BowNode):
         self.every(TICK_S, self._tick)
         try:
             if text["resume"]:
-                self._begin(Run.resume(Path(text["resume"]).absolute()))
+                self._begin(*resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 self._begin(self._create(Sweep.from_spec(text["preset"], [s for s in settings if s])))
             else:
@@ -112,15 +113,13 @@ class CoordinatorNode(BowNode):
     def _create(self, sweep: Sweep) -> Run:
         identity, self._run_id = self._run_id or random_id(), ""
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
-        return Run.create(directory.absolute(), identity, sweep)
+        return Run.create(directory.absolute(), identity, sweep, self._locks)
 
-    def _begin(self, run: Run) -> None:
+    def _begin(self, run: Run, recorded: dict[str, np.ndarray] | None = None) -> None:
         self._run, self._closing = run, False
         self._pool.begin()
         sweep = run.sweep
-        self._basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-        if run.ledger.epoch > 1:
-            self._basin = load_basin(run.directory, sweep)
+        self._basin = basin_of(recorded or {}, sweep)
         self._began = time.monotonic()
         self._done_before = run.cells_in(State.DONE)
         self._tested = -1
@@ -138,7 +137,8 @@ class CoordinatorNode(BowNode):
         assert run is not None
         wall = time.monotonic() - self._began
         this_time = run.cells_in(State.DONE) - self._done_before
-        report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": self._playability})
+        with writing(run.directory, StartupError):
+            report = run.report(self._basin, wall, {"cells_this_time": this_time, "playability": self._playability})
         cells = report["cells"]
         message = f"{cells['done']} of {cells['planned']} cells done, {cells['quarantined']} quarantined"
         if self._goal is not None:
@@ -218,7 +218,7 @@ class CoordinatorNode(BowNode):
         if not self._mine(receipt) or len({len(column) for column in columns}) != 1:
             return
         for kind, block, chunk, checksum in zip(*columns, strict=True):
-            self._handle(Receipted(block, chunk, checksum, kind == wire.RECEIPT_VERDICTS))
+            self._handle(receipted(kind, block, chunk, checksum))
         self.health.messages += len(columns[0])
 
     def _on_verdicts(self, data: bytes) -> None:
@@ -305,7 +305,7 @@ class CoordinatorNode(BowNode):
         self._publish_plan(Plan.CLOSED)
         self.become(Health.BUSY, "drawing the map, while the bag is closed")
         self._playability = playability_of(self._run, self._basin)
-        if problem := write_results(self._run, self._basin):
+        if problem := write_results(self._run, self._basin, StartupError):
             self.get_logger().error(f"not drawn: {problem}")
             self.become(Health.BUSY, f"not drawn: {problem}")
         self.become(Health.BUSY, "waiting for the bag to close")

@@ -1,8 +1,9 @@
 """Who has which block and what is acknowledged: a pure state machine, events in, instructions out.
 
 A block is *due* (to be handed out), *out* (handed to a simulator, not yet done), *done* or *quarantined*. Done means:
-for every chunk the recorder has receipted the streams and the verdicts, and the classifier judged the very bytes that
-were recorded. planned = done + quarantined + outstanding holds after every event, outstanding being due + out.
+for every chunk the recorder has receipted the streams and the verdicts, the classifier judged the very bytes that were
+recorded, and the recorder has seen all of it on the disk. planned = done + quarantined + outstanding holds after every
+event, outstanding being due + out.
 
 The machine knows no clock and no file: events carry the time in seconds, and what must be on disk before the next
 instruction is carried out leaves as a :class:`Record`. `resume` builds the machine again from such records.
@@ -13,8 +14,50 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
+
+from .ledger_events import (
+    ConsumerRestarted,
+    Dispatch,
+    Event,
+    Finished,
+    Grown,
+    Instruction,
+    Judged,
+    NewEpoch,
+    OnDisk,
+    Receipted,
+    Record,
+    Refused,
+    Settled,
+    SimulatorLost,
+    SimulatorReady,
+    State,
+    Tick,
+    receipted,
+)
+
+__all__ = [
+    "ConsumerRestarted",
+    "Dispatch",
+    "Event",
+    "Finished",
+    "Grown",
+    "Instruction",
+    "Judged",
+    "Ledger",
+    "NewEpoch",
+    "OnDisk",
+    "Receipted",
+    "Record",
+    "Refused",
+    "Settled",
+    "SimulatorLost",
+    "SimulatorReady",
+    "State",
+    "Tick",
+    "receipted",
+]
 
 SUSPECT_DEATHS = 2
 """A block that was being computed when this many simulators died runs alone from then on."""
@@ -25,135 +68,11 @@ POISON_DEATHS = 3
 IN_HAND = 2
 """Blocks a simulator holds at most: one being computed, one waiting, so that it never idles."""
 
+DISK_S = 300.0
+"""A block of which everything is answered but that it is on the disk may wait so long for a slow one."""
+
 STALE_S = 6.0
 """A block whose simulator has finished or gone, and whose answers do not arrive for this long, is handed out again."""
-
-
-class State(Enum):
-    """Where a block is."""
-
-    DUE = "due"
-    OUT = "out"
-    DONE = "done"
-    QUARANTINED = "quarantined"
-
-
-# ---- events
-
-
-@dataclass(frozen=True)
-class SimulatorReady:
-    """A simulator takes goals (again)."""
-
-    simulator: str
-
-
-@dataclass(frozen=True)
-class SimulatorLost:
-    """A simulator is gone. `blame` is False where we stopped it ourselves: then no block is suspect."""
-
-    simulator: str
-    why: str
-    blame: bool = True
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A simulator has published all of a block."""
-
-    simulator: str
-    block: int
-    attempt: int
-
-
-@dataclass(frozen=True)
-class Refused:
-    """A simulator rejected, cancelled or aborted a goal."""
-
-    simulator: str
-    block: int
-    attempt: int
-    why: str
-
-
-@dataclass(frozen=True)
-class ConsumerRestarted:
-    """The recorder or the classifier has a new incarnation: what it has not finished must be sent again."""
-
-    role: str
-
-
-@dataclass(frozen=True)
-class Judged:
-    """The classifier's verdicts on a chunk arrived."""
-
-    block: int
-    chunk: int
-    chunk_checksum: int
-    checksum: int
-
-
-@dataclass(frozen=True)
-class Receipted:
-    """The recorder has a chunk's streams (`verdicts` False) or the verdicts on it (True) in its file."""
-
-    block: int
-    chunk: int
-    checksum: int
-    verdicts: bool
-
-
-@dataclass(frozen=True)
-class Grown:
-    """The plan has more blocks now, `blocks` in all: an adaptive sweep goes on."""
-
-    blocks: int
-
-
-@dataclass(frozen=True)
-class Tick:
-    """Time has passed."""
-
-
-Event = SimulatorReady | SimulatorLost | Finished | Refused | ConsumerRestarted | Judged | Receipted | Grown | Tick
-
-
-# ---- instructions, to be carried out in order
-
-
-@dataclass(frozen=True)
-class Record:
-    """Append to the ledger file and see it on disk before going on."""
-
-    entry: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Dispatch:
-    """Send a block to a simulator."""
-
-    block: int
-    attempt: int
-    simulator: str
-
-
-@dataclass(frozen=True)
-class NewEpoch:
-    """Tell everybody that goals of older epochs are void."""
-
-    epoch: int
-
-
-@dataclass(frozen=True)
-class Settled:
-    """A block is done or quarantined."""
-
-    block: int
-    state: State
-    why: str = ""
-
-
-Instruction = Record | Dispatch | NewEpoch | Settled
 
 
 @dataclass
@@ -163,6 +82,7 @@ class _Block:
     deaths: int = 0
     deaths_alone: int = 0
     touched: float = 0.0
+    on_disk: bool = False
     streams: dict[int, int] = field(default_factory=dict)
     judged: dict[int, tuple[int, int]] = field(default_factory=dict)
     verdicts: dict[int, int] = field(default_factory=dict)
@@ -174,6 +94,7 @@ class _Block:
     def forget(self) -> None:
         for answers in (self.streams, self.judged, self.verdicts):
             answers.clear()
+        self.on_disk = False
 
     def contradiction(self, chunk: int) -> str:
         """Return what about a chunk does not agree, or ""."""
@@ -218,9 +139,8 @@ class Ledger:
             if not isinstance(number, int) or not 0 <= number < blocks:
                 continue
             block = ledger.blocks[number]
+            block.attempt = max(block.attempt, int(entry.get("attempt", 0)))
             match entry.get("event"):
-                case "dispatched":
-                    block.attempt = max(block.attempt, int(entry["attempt"]))
                 case "died":
                     block.deaths += 1
                     block.deaths_alone += bool(entry["alone"])
@@ -240,6 +160,10 @@ class Ledger:
     def count(self, state: State) -> int:
         """Return how many blocks are in a state."""
         return sum(block.state is state for block in self.blocks)
+
+    def is_quarantined(self, number: int) -> bool:
+        """Whether there is such a block, and it is given up."""
+        return number < len(self.blocks) and self.blocks[number].state is State.QUARANTINED
 
     @property
     def finished(self) -> bool:
@@ -277,6 +201,10 @@ class Ledger:
                     answers = block.verdicts if verdicts else block.streams
                     differs = answers.setdefault(chunk, checksum) != checksum
                     self._answered(number, chunk, differs, now, out)
+            case OnDisk(number):
+                if self._concerns(number, 0):
+                    self.blocks[number].on_disk = True
+                    self._answered(number, 0, False, now, out)
             case Grown(blocks):
                 fresh = range(len(self.blocks), blocks)
                 self.blocks += [_Block() for _ in fresh]
@@ -323,8 +251,11 @@ class Ledger:
         why = f"chunk {chunk}: two answers differ" if differs else block.contradiction(chunk)
         if why:
             self._settle(number, State.QUARANTINED, f"nondeterministic: {why}", out)
-        elif len(block.streams) == len(block.judged) == len(block.verdicts) == self.chunks:
+        elif block.on_disk and self._all_answered(block):
             self._settle(number, State.DONE, "", out)
+
+    def _all_answered(self, block: _Block) -> bool:
+        return len(block.streams) == len(block.judged) == len(block.verdicts) == self.chunks
 
     def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
         hand = [number for number in self.hands.pop(simulator, []) if self.blocks[number].state is State.OUT]
@@ -358,8 +289,9 @@ class Ledger:
         held = {number for hand in self.hands.values() for number in hand}
         for number in sorted(self._open - held):
             block = self.blocks[number]
-            if block.state is State.OUT and now - block.touched > STALE_S:
-                self._make_due(number, f"no answer for {STALE_S:g} s", out)
+            patience = DISK_S if self._all_answered(block) else STALE_S
+            if block.state is State.OUT and now - block.touched > patience:
+                self._make_due(number, f"no answer for {patience:g} s", out)
 
     def _hand_out(self, now: float, out: list[Instruction]) -> None:
         """Give due blocks to the emptiest hands; a suspect block waits for an empty hand and keeps it to itself."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,20 @@ from bow_classifier.playability import playability
 
 from .basin import Basin
 from .plan import Sweep
-from .run import Run
+from .run import MAP, PICTURE, Run, RunError
 from .view.maps import MapFile, draw_map, write_map_npz
 
-MAP, PICTURE = "map.npz", "map.png"
+__all__ = [
+    "MAP",
+    "PICTURE",
+    "basin_of",
+    "load_basin",
+    "map_of",
+    "playability_of",
+    "prepare",
+    "write_results",
+    "writing",
+]
 
 
 def map_of(run: Run, basin: Basin) -> MapFile:
@@ -46,10 +57,14 @@ def prepare() -> None:
         from .view import pictures  # noqa: F401
 
 
-def write_results(run: Run, basin: Basin) -> str:
-    """Write map.npz and map.png into the directory of a run; return why there is no picture, or ""."""
+def write_results(run: Run, basin: Basin, kind: type[Exception] = RunError) -> str:
+    """Write map.npz and map.png into the directory of a run; return why there is no picture, or "".
+
+    Where there can be no map.npz, it raises an exception of a `kind`, with a message for people.
+    """
     result = map_of(run, basin)
-    write_map_npz(run.directory / MAP, result)
+    with writing(run.directory, kind):
+        write_map_npz(run.directory / MAP, result)
     picture = run.directory / PICTURE
     try:
         draw_map(result, picture)
@@ -60,17 +75,31 @@ def write_results(run: Run, basin: Basin) -> str:
     return ""
 
 
+@contextlib.contextmanager
+def writing(directory: Path, kind: type[Exception]) -> Iterator[None]:
+    """Raise an exception of a `kind`, with a message for people, where results cannot be written: a full disk, say."""
+    try:
+        yield
+    except OSError as error:
+        what = f"{error.filename or directory}: {error.strerror or error}"
+        raise kind(f"{what}; every block is done and in the bag: make room, then resume {directory}") from None
+
+
 def load_basin(directory: Path, sweep: Sweep) -> Basin:
     """Return the map that the verdicts in a run's bag give, for a run that goes on."""
     from .record.bag import BagError
     from .record.replay import load_verdicts
 
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
     try:
-        layers = load_verdicts(directory)
+        return basin_of(load_verdicts(directory), sweep)
     except BagError:  # killed before anything was recorded
-        return basin
-    for test in range(sweep.chunks):
+        return Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+
+
+def basin_of(layers: Mapping[str, np.ndarray], sweep: Sweep) -> Basin:
+    """Return the map that recorded verdicts give, as :func:`.record.replay.load_verdicts` returns them; or {}: none."""
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    for test in range(sweep.chunks if layers else 0):
         cells = np.flatnonzero(layers["tested"][test])
         basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})
     return basin

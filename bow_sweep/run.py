@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import fcntl
 import importlib.metadata
 import json
 import os
 import platform
-import re
-import shutil
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -16,22 +13,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xxhash
 
 from bow_classifier.regimes import REGIMES
 from bow_sim.blocks import Blocks
-from bow_sim.files import replacing
+from bow_sim.files import replacing, sync_directory
 from bow_sim.identity import fingerprint
 from bow_sim.model import ParameterError
 
+from . import ledger_file
 from .adaptive import fill
 from .basin import Basin
 from .ledger import Ledger, State
+from .ledger_file import LEDGER, LedgerError, latest_states, set_ledger_aside
+from .locks import HeldError, take
 from .plan import Sweep
 
-_IDENTIFIER = re.compile("[0-9a-f]{16}")
-
-LEDGER = "ledger.jsonl"
-REPORT = "report.json"
+REPORT, MAP, PICTURE = "report.json", "map.npz", "map.png"
 VERSIONS_OF = (
     "bow",
     "numpy",
@@ -54,105 +52,53 @@ def lock(directory: Path, role: str) -> int:
     Raises
     ------
     RunError
-        Where another process holds it.
+        Where another process holds it, or there can be none.
     """
-    path = directory / f".{role}.lock"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(descriptor)
-        raise RunError(f"{directory}: another {role} is at work on this run ({path.name} is locked)") from None
-    return descriptor
+        return take(directory, role)
+    except HeldError as error:
+        raise RunError(str(error)) from None
+    except OSError as error:
+        raise RunError(f"{error.filename or directory}: {error.strerror}") from None
 
 
 def read_ledger(directory: Path) -> list[dict[str, Any]]:
-    """Return the entries of a run's ledger; a last line cut off by a crash is no entry.
+    """Return the entries of a run's ledger; see :func:`.ledger_file.read_ledger`.
 
     Raises
     ------
     RunError
         Where there is no ledger, or a line before the last is damaged.
     """
-    path = directory / LEDGER
     try:
-        lines = path.read_bytes().split(b"\n")
-    except OSError as error:
-        raise RunError(f"{path}: {error.strerror}; a run directory of `bow sweep` holds one") from None
-    entries = []
-    for number, line in enumerate(lines[:-1], 1):  # what follows the last newline was being written
-        try:
-            entry = json.loads(line)
-            _check_entry(entry)
-        except (ValueError, RecursionError) as error:
-            raise RunError(f"{path}, line {number}: not a ledger entry: {error}") from None
-        entries.append(entry)
-    if not entries or entries[0].get("event") != "planned":
-        raise RunError(f"{path}: does not begin with the plan of a run")
-    return entries
-
-
-_NEEDS = {
-    "planned": ("run_id", "sweep_id", "preset", "settings", "blocks", "chunks"),
-    "round": ("cells", "blocks"),
-    "dispatched": ("block", "attempt"),
-    "died": ("block", "alone"),
-    "done": ("block",),
-    "quarantined": ("block",),
-    "reopened": ("block",),
-}
-"""What an entry that counts must say."""
-
-_TEXTS = ("event", "run_id", "sweep_id", "preset", "fingerprint", "why", "simulator", "role")
-_NUMBERS = ("block", "attempt", "epoch", "blocks", "chunks", "cells")
-_IDENTIFIERS = ("run_id", "sweep_id")
-
-
-def _check_entry(entry: Any) -> None:
-    """Raise ValueError where an entry of a ledger, read from its file, is none."""
-    if not isinstance(entry, dict):
-        raise ValueError("not an object")
-    for name in _NEEDS.get(str(entry.get("event")), ()):
-        if name not in entry:
-            raise ValueError(f"{entry['event']!r} without {name}")
-    if entry.get("event") == "round":
-        cells = entry["cells"]
-        if not isinstance(cells, list) or not all(type(cell) is int and 0 <= cell < 1 << 32 for cell in cells):
-            raise ValueError("cells should be a list of numbers from 0 on")
-        entry = {**entry, "cells": len(cells)}
-    for name, value in entry.items():
-        if name in _TEXTS and not isinstance(value, str):
-            raise ValueError(f"{name} = {value!r}: should be text")
-        if name in _NUMBERS and (type(value) is not int or not 0 <= value < 1 << 32):
-            raise ValueError(f"{name} = {value!r}: should be a number from 0 on")
-        if name in _IDENTIFIERS and not _IDENTIFIER.fullmatch(value):
-            raise ValueError(f"{name} = {value!r}: should be 16 hexadecimal digits")
-        if name == "alone" and not isinstance(value, bool):
-            raise ValueError(f"{name} = {value!r}: should be true or false")
-    if "settings" in entry:
-        settings = entry["settings"]
-        if not isinstance(settings, list) or not all(isinstance(line, str) for line in settings):
-            raise ValueError("settings should be a list of texts")
+        return ledger_file.read_ledger(directory)
+    except LedgerError as error:
+        raise RunError(str(error)) from None
 
 
 def is_finished(directory: Path, entries: list[dict[str, Any]]) -> bool:
     """Return whether every block of a run is settled and its report written."""
-    settled = {entry["block"] for entry in entries if entry.get("event") in ("done", "quarantined")}
-    settled -= {entry["block"] for entry in entries if entry.get("event") == "reopened"}
+    settled = [state for state in latest_states(entries).values() if state != "reopened"]
     return len(settled) == max(entry.get("blocks", 0) for entry in entries) and (directory / REPORT).exists()
 
 
 class Run:
-    """One run on disk, held by its coordinator. Make it with :meth:`create` or :meth:`resume`."""
+    """One run on disk, held by its coordinator. Make it with :meth:`create` or :meth:`resume`.
 
-    def __init__(self, directory: Path, run_id: str, sweep: Sweep, blocks: Blocks, ledger: Ledger) -> None:
+    Without `locked` nobody is kept off the directory: for file systems that have no locks.
+    """
+
+    def __init__(
+        self, directory: Path, run_id: str, sweep: Sweep, blocks: Blocks, ledger: Ledger, locked: bool = True
+    ) -> None:
         self.directory, self.run_id, self.sweep, self.blocks, self.ledger = directory, run_id, sweep, blocks, ledger
-        self._lock = lock(directory, "coordinator")
+        self._lock = lock(directory, "coordinator") if locked else -1
         self._file = open(directory / LEDGER, "ab")  # noqa: SIM115  # open as long as the run
+        sync_directory(directory)
         self.quarantined: dict[int, str] = {}
 
     @classmethod
-    def create(cls, directory: Path, run_id: str, sweep: Sweep) -> Run:
+    def create(cls, directory: Path, run_id: str, sweep: Sweep, locked: bool = True) -> Run:
         """Begin a run in a directory that is new, or holds at most what its supervisor and recorder put there.
 
         Raises
@@ -162,29 +108,19 @@ class Run:
         """
         try:
             directory.mkdir(parents=True, exist_ok=True)
+            sync_directory(directory.parent)
             if (directory / LEDGER).exists():
                 raise RunError(f"{directory}: holds a run already; resume it, or choose another directory")
-            run = cls(directory, run_id, sweep, sweep.first_blocks, Ledger(sweep.blocks, sweep.chunks))
-            plan = {
-                "event": "planned",
-                "run_id": run_id,
-                "sweep_id": sweep.sweep_id,
-                "preset": sweep.preset,
-                "settings": sweep.settings(),
-                "fingerprint": fingerprint(),
-                "blocks": sweep.blocks,
-                "chunks": sweep.chunks,
-                "cells": sweep.cells,
-                "epoch": 1,
-            }
-            run.record([plan, *([_round(run.blocks)] if run.blocks.adaptive else [])])
+            run = cls(directory, run_id, sweep, sweep.first_blocks, Ledger(sweep.blocks, sweep.chunks), locked)
+            plan = planned(run_id, sweep)
+            run.record([plan, *([round_entry(run.blocks)] if run.blocks.adaptive else [])])
         except OSError as error:
             raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
         return run
 
     @classmethod
-    def resume(cls, directory: Path) -> Run:
-        """Go on with a run that was cut off.
+    def resume(cls, directory: Path, locked: bool = True) -> Run:
+        """Go on with a run that was cut off, as its ledger has it; see :mod:`.resume` for what the bag has.
 
         Raises
         ------
@@ -193,32 +129,25 @@ class Run:
         """
         entries = read_ledger(directory)
         plan = entries[0]
+        sweep = sweep_of(plan, directory / LEDGER)
+        _cut_torn_line(directory)
         try:
-            sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
-        except (ParameterError, KeyError, TypeError) as error:
-            raise RunError(f"{directory / LEDGER}, line 1: {error}") from None
-        if (sweep.blocks, sweep.chunks) != (plan["blocks"], plan["chunks"]):
-            given, right = f"{plan['blocks']} blocks of {plan['chunks']} chunks", f"{sweep.blocks} of {sweep.chunks}"
-            raise RunError(f"{directory / LEDGER}, line 1: {given}; its settings make {right}")
-        if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
-            raise RunError(
-                f"{directory}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
-                "their results could differ: resume where it began, or sweep anew"
-            )
-        _cut_torn_line(directory / LEDGER)
-        try:
-            blocks = _blocks(sweep, entries)
+            blocks = blocks_of(sweep, entries)
         except ValueError as error:
             raise RunError(f"{directory / LEDGER}: {error}") from None
-        run = cls(directory, plan["run_id"], sweep, blocks, Ledger.resume(blocks.count, sweep.chunks, entries))
-        run.quarantined = {e["block"]: e.get("why", "") for e in entries if e.get("event") == "quarantined"}
+        run = cls(directory, plan["run_id"], sweep, blocks, Ledger.resume(blocks.count, sweep.chunks, entries), locked)
+        run.quarantined = {
+            e["block"]: e.get("why", "")
+            for e in entries
+            if e.get("event") == "quarantined" and run.ledger.is_quarantined(e["block"])
+        }
         run.record([{"event": "resumed", "epoch": run.ledger.epoch}])
         return run
 
     def record(self, entries: Iterable[Mapping[str, Any]]) -> None:
         """Append entries to the ledger file and see them on disk."""
-        at = time.time()
-        lines = b"".join(json.dumps({**entry, "at": round(at, 3)}).encode() + b"\n" for entry in entries)
+        at = round(time.time(), 3)
+        lines = ledger_file.lines_of({**entry, "at": at} for entry in entries)
         if lines:
             self._file.write(lines)
             self._file.flush()
@@ -228,7 +157,7 @@ class Run:
         """Plan another round of an adaptive sweep, all blocks being settled; return whether there is one."""
         more = self.sweep.more_blocks(self.blocks, np.where(self.done(), basin.transient_periods, np.nan))
         if more is not None:
-            self.record([_round(more)])
+            self.record([round_entry(more)])
             self.blocks = more
         return more is not None
 
@@ -278,6 +207,7 @@ class Run:
             "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
             "versions": _versions(),
             "machine": f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
+            "picture": digest(self.directory / PICTURE),
             **extra,
         }
         with replacing(self.directory / REPORT) as file:
@@ -287,7 +217,13 @@ class Run:
     def close(self) -> None:
         """Give up the lock and the ledger file."""
         self._file.close()
-        os.close(self._lock)
+        if self._lock >= 0:
+            os.close(self._lock)
+
+
+def digest(path: Path) -> str | None:
+    """Return the XXH3-64 of a file, 16 hexadecimal digits; None where there is none."""
+    return xxhash.xxh3_64_hexdigest(path.read_bytes()) if path.is_file() else None
 
 
 def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, Any]:
@@ -309,14 +245,59 @@ def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, An
     }
 
 
-def _round(blocks: Blocks) -> dict[str, Any]:
+def planned(run_id: str, sweep: Sweep, epoch: int = 1) -> dict[str, Any]:
+    """Return the ledger entry that a run begins with."""
+    return {
+        "event": "planned",
+        "run_id": run_id,
+        "sweep_id": sweep.sweep_id,
+        "preset": sweep.preset,
+        "settings": sweep.settings(),
+        "fingerprint": fingerprint(),
+        "blocks": sweep.blocks,
+        "chunks": sweep.chunks,
+        "cells": sweep.cells,
+        "epoch": epoch,
+    }
+
+
+def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
+    """Return the sweep that the first entry of a ledger describes.
+
+    Raises
+    ------
+    RunError
+        Where it describes none, or this machine's kernel would not give the same bytes.
+    """
+    try:
+        sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
+    except (ParameterError, KeyError, TypeError) as error:
+        raise RunError(f"{where}, line 1: {error}") from None
+    if (sweep.blocks, sweep.chunks) != (plan["blocks"], plan["chunks"]):
+        given, right = f"{plan['blocks']} blocks of {plan['chunks']} chunks", f"{sweep.blocks} of {sweep.chunks}"
+        raise RunError(f"{where}, line 1: {given}; its settings make {right}")
+    if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
+        raise RunError(
+            f"{where.parent}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
+            "their results could differ: resume where it began, or sweep anew"
+        )
+    return sweep
+
+
+def round_entry(blocks: Blocks) -> dict[str, Any]:
     """Return the ledger entry of the latest round."""
     cells = blocks.rounds[-1].tolist()
     return {"event": "round", "round": len(blocks.rounds), "cells": cells, "blocks": blocks.count}
 
 
-def _blocks(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
-    """Return the blocks of a recorded run; one cut off before its first round was recorded begins with it."""
+def blocks_of(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
+    """Return the blocks of a recorded run; one cut off before its first round was recorded begins with it.
+
+    Raises
+    ------
+    ValueError
+        Where its rounds are none of this sweep.
+    """
     rounds = [np.array(entry["cells"], np.int64) for entry in entries if entry.get("event") == "round"]
     if not rounds:
         return sweep.first_blocks
@@ -326,12 +307,13 @@ def _blocks(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
     return blocks
 
 
-def _cut_torn_line(path: Path) -> None:
+def _cut_torn_line(directory: Path) -> None:
     """Drop what a crash left after the last newline, so that the next entry begins a line."""
+    path = directory / LEDGER
     content = path.read_bytes()
     whole = content.rfind(b"\n") + 1
     if whole != len(content):
-        shutil.copyfile(path, path.with_name(path.name + ".torn"))
+        set_ledger_aside(directory)
         os.truncate(path, whole)
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from bow_sim.files import replacing
+from mcap.records import Metadata
+
+from bow_sim.files import replacing, sync_directory
 
 from .mcapfile import McapWriter
-from .metadata import FileInfo, records, render
+from .metadata import FileInfo, MetadataError, others_part, parse, records, render
 from .records import Message
 from .scan import Scan
 from .topics import Topic, short_name
@@ -65,10 +67,18 @@ def _number(name: str) -> int:
     return int(match[1]) if match else 0
 
 
-def write_metadata(directory: Path, files: Sequence[FileInfo]) -> None:
-    """Write metadata.yaml for the files of a bag."""
+def write_metadata(directory: Path, files: Sequence[FileInfo], others: Mapping[str, Any] | None = None) -> None:
+    """Write metadata.yaml for the files of a bag, with what `others` wrote there."""
     with replacing(directory / METADATA) as file:
-        file.write(render(files).encode())
+        file.write(render(files, others).encode())
+
+
+def kept_metadata(directory: Path) -> dict[str, Any]:
+    """Return what others wrote into metadata.yaml, as far as it can be read."""
+    try:
+        return others_part(parse((directory / METADATA).read_bytes()))
+    except (OSError, MetadataError):
+        return {}
 
 
 def label(channel_topic: str, message: Message, path: Path) -> BagMessage:
@@ -108,13 +118,21 @@ class BagWriter:
         The files that are there, in order.
     sequence
         Number of the last message in them; 0 for none.
+    notes
+        Records for its beginning.
     """
 
     def __init__(
-        self, directory: Path, topics: Mapping[str, Topic], before: Sequence[FileInfo] = (), sequence: int = 0
+        self,
+        directory: Path,
+        topics: Mapping[str, Topic],
+        before: Sequence[FileInfo] = (),
+        sequence: int = 0,
+        notes: Sequence[Metadata] = (),
     ) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.directory = directory
+        self._others = kept_metadata(directory)
         self._before = list(before)
         self._sequence = sequence
         self._time = max((file.end for file in before), default=0)
@@ -122,8 +140,9 @@ class BagWriter:
         self._channels = {channel.topic: channel.id for channel in channels}
         number = max((_number(file.name) + 1 for file in before), default=0)
         self.path = directory / f"{directory.resolve().name}_{number}.mcap"
-        self._file = McapWriter(self.path, schemas, channels)
-        write_metadata(directory, self._files())
+        self._file = McapWriter(self.path, schemas, channels, notes)
+        write_metadata(directory, self._files(), self._others)
+        sync_directory(directory.parent)
 
     def _files(self) -> list[FileInfo]:
         return [*self._before, FileInfo.of(self.path.name, self._file.contents)]
@@ -146,10 +165,14 @@ class BagWriter:
         """Write what is pending, as one chunk with its index; see :meth:`.mcapfile.McapWriter.commit`."""
         self._file.commit()
 
+    def fileno(self) -> int:
+        """Return the descriptor of the file, to see on the disk what is committed; it is closed at the end."""
+        return self._file.fileno()
+
     def finish(self) -> None:
         """Commit, end the file with its summary, see it on disk, write metadata.yaml."""
         self._file.finish()
-        write_metadata(self.directory, self._files())
+        write_metadata(self.directory, self._files(), self._others)
 
     def abandon(self) -> None:
         """Close the file as it is; :func:`.recover.recover` finishes it."""

@@ -7,6 +7,7 @@ stored, whether from it or from an earlier one. So every attempt is answered, ag
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from bow_sim.wire import RECEIPT_STREAMS, RECEIPT_VERDICTS, chunk_checksum
@@ -40,9 +41,19 @@ class Inventory:
 
     def __init__(self) -> None:
         self._stored: dict[str, dict[tuple[int, int], int]] = {BRIDGE_FORCE: {}, STICK_SLIP: {}, VERDICTS: {}}
+        self._counts: Counter[int] = Counter()
         self._halves: dict[tuple[int, int, int], str] = {}
         self.duplicates = 0
         self.contradictions: Counter[tuple[str, int, int]] = Counter()
+
+    def restore(self, topic: str, checksums: Mapping[tuple[int, int], int]) -> None:
+        """Take in what is stored of a topic from before: (block, chunk) -> checksum."""
+        self._stored[topic].update(checksums)
+        self._counts.update(block for block, _ in checksums)
+
+    def count(self, block: int) -> int:
+        """Return how many messages of a block are stored: three for each chunk where all of it is."""
+        return self._counts[block]
 
     def __len__(self) -> int:
         return sum(map(len, self._stored.values()))
@@ -64,6 +75,7 @@ class Inventory:
         new = (block, chunk) not in stored
         if new:
             stored[block, chunk] = checksum
+            self._counts[block] += 1
         else:
             self.duplicates += 1
             if stored[block, chunk] != checksum:

@@ -15,6 +15,7 @@ from isal.isal_zlib import crc32
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    AttachmentIndex,
     Channel,
     ChunkIndex,
     DataEnd,
@@ -22,6 +23,8 @@ from mcap.records import (
     Header,
     McapRecord,
     MessageIndex,
+    Metadata,
+    MetadataIndex,
     Schema,
     Statistics,
     SummaryOffset,
@@ -35,6 +38,10 @@ MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time, publish time."""
 MESSAGE_FIXED = MESSAGE_HEAD.size - 9
 FOOTER_SIZE = 9 + 20
+COVER = struct.Struct("<BQ")
+"""Opcode and length of a record: what covers bytes that cannot be read any more."""
+COVERED = 0xB0
+"""Opcode of a record over such bytes; from 0x80 on opcodes are anybody's, and readers skip those they don't know."""
 
 _MAX_PARTS = 512  # os.writev takes 1024
 
@@ -74,7 +81,8 @@ class Contents:
         self.channels: dict[int, Channel] = {}
         self.chunks: list[ChunkIndex] = []
         self.counts: dict[int, int] = {}
-        self.attachments = self.metadata = 0
+        self.attachments: list[AttachmentIndex] = []
+        self.metadata: list[MetadataIndex] = []
         self.start = self.end = 0
 
     @property
@@ -90,14 +98,14 @@ class Contents:
     def statistics(self) -> Statistics:
         """Return the record of counts."""
         return Statistics(
-            attachment_count=self.attachments,
+            attachment_count=len(self.attachments),
             channel_count=len(self.channels),
             channel_message_counts=dict(self.counts),
             chunk_count=len(self.chunks),
             message_count=self.messages,
             message_end_time=self.end,
             message_start_time=self.start,
-            metadata_count=self.metadata,
+            metadata_count=len(self.metadata),
             schema_count=len(self.schemas),
         )
 
@@ -110,6 +118,8 @@ class Contents:
             (Opcode.CHANNEL, list(self.channels.values())),
             (Opcode.STATISTICS, [self.statistics()]),
             (Opcode.CHUNK_INDEX, list(self.chunks)),
+            (Opcode.ATTACHMENT_INDEX, list(self.attachments)),
+            (Opcode.METADATA_INDEX, list(self.metadata)),
         ]
         summary, offsets = b"", []
         for opcode, records in groups:
@@ -133,9 +143,13 @@ class McapWriter:
         Created; must not exist.
     schemas, channels
         All that will be used, written at the start.
+    notes
+        Records for people and checkers, after them.
     """
 
-    def __init__(self, path: Path, schemas: Iterable[Schema], channels: Iterable[Channel]) -> None:
+    def __init__(
+        self, path: Path, schemas: Iterable[Schema], channels: Iterable[Channel], notes: Iterable[Metadata] = ()
+    ) -> None:
         self.path = path
         self.contents = Contents()
         self.contents.schemas = {schema.id: schema for schema in schemas}
@@ -146,6 +160,10 @@ class McapWriter:
         self._crc = 0
         self._reset()
         start = MAGIC + pack(Header("ros2", LIBRARY), *self.contents.schemas.values(), *self.contents.channels.values())
+        for note in notes:
+            record = pack(note)
+            self.contents.metadata.append(MetadataIndex(offset=len(start), length=len(record), name=note.name))
+            start += record
         try:
             self._append([start])
         except OSError:
@@ -226,6 +244,10 @@ class McapWriter:
             os.fsync(self._fd)
         finally:
             self.abandon()
+
+    def fileno(self) -> int:
+        """Return the file's descriptor, to see on the disk what is committed; it is closed at the end."""
+        return self._fd
 
     def abandon(self) -> None:
         """Close the file as it is: without what is pending and without a summary, unless finished."""

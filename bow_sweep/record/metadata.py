@@ -1,14 +1,16 @@
 """metadata.yaml of a bag, version 9, as rosbag2 of ROS 2 Jazzy writes it.
 
-The text is a function of the files alone, so that a checker can write it again and compare every byte.
+What it says of the files is a function of the files alone, so that a checker can derive it again. It is compared by
+meaning: other tools write it in another order and format, and people add to it. What is not ours there is kept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import yaml
 from mcap.records import Channel, Schema
 
 from .mcapfile import Contents
@@ -17,6 +19,15 @@ from .topics import Topic
 
 VERSION = 9
 DISTRO = "jazzy"
+ROOT = "rosbag2_bagfile_information"
+
+NESTED_QOS = 9
+"""From this version on QoS profiles are YAML; before, they are a text that holds YAML."""
+
+HASHED = 9
+"""From this version on every topic has the hash of its type."""
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class TopicInfo(NamedTuple):
@@ -100,8 +111,8 @@ def _topic_lines(name: str, info: TopicInfo, count: int) -> list[str]:
     ]
 
 
-def render(files: Sequence[FileInfo]) -> str:
-    """Return the text of metadata.yaml for the files of a bag, in order."""
+def render(files: Sequence[FileInfo], others: Mapping[str, Any] | None = None) -> str:
+    """Return the text of metadata.yaml for the files of a bag, in order, with what `others` wrote there."""
     filled = [file for file in files if file.messages]
     start = min((file.start for file in filled), default=0)
     end = max((file.end for file in filled), default=0)
@@ -110,7 +121,7 @@ def render(files: Sequence[FileInfo]) -> str:
         for name, info in file.topics.items():
             topics.setdefault(name, info)
     lines = [
-        "rosbag2_bagfile_information:",
+        f"{ROOT}:",
         f"  version: {VERSION}",
         "  storage_identifier: mcap",
         "  duration:",
@@ -134,5 +145,137 @@ def render(files: Sequence[FileInfo]) -> str:
             f"        nanoseconds: {file.end - file.start}",
             f"      message_count: {file.messages}",
         ]
-    lines += ["  custom_data: ~", f"  ros_distro: {DISTRO}"]
+    if others:
+        lines += [f"  {line}" for line in yaml.safe_dump(dict(others), sort_keys=False).splitlines()]
+    if "custom_data" not in (others or {}):
+        lines.append("  custom_data: ~")
+    lines.append(f"  ros_distro: {DISTRO}")
     return "\n".join(lines) + "\n"
+
+
+OURS = (
+    *("version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count"),
+    *("compression_format", "compression_mode", "relative_file_paths", "files", "ros_distro"),
+)
+"""Entries that are written here; others', `custom_data` among them, are kept."""
+
+
+class MetadataError(ValueError):
+    """Text that is no metadata.yaml; says why."""
+
+
+def parse(text: bytes) -> dict[str, Any]:
+    """Return what metadata.yaml says.
+
+    Raises
+    ------
+    MetadataError
+        Where it does not hold a bag's information.
+    """
+    try:
+        content = yaml.load(text.decode(), _LOADER)  # one of the safe ones
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise MetadataError(f"is no YAML: {' '.join(str(error).split())[:200]}") from None
+    info = content.get(ROOT) if isinstance(content, dict) else None
+    if not isinstance(info, dict):
+        raise MetadataError(f"holds no {ROOT}" if text.strip(b"\0 \r\n\t") else "is empty")
+    return info
+
+
+def others_part(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what others wrote into metadata.yaml, which is to be kept."""
+    return {name: value for name, value in info.items() if name not in OURS and value is not None}
+
+
+def differences(info: Mapping[str, Any], files: Sequence[FileInfo]) -> list[str]:
+    """Return what metadata.yaml says otherwise than the files of the bag; texts for people, empty where nothing."""
+    try:
+        given, right = _meaning(info), _meaning(parse(render(files).encode()))
+    except (AttributeError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
+        return [f"makes no sense: {error!r}"]
+    if given.get("compression_mode"):
+        mode, kind = given["compression_mode"], info.get("compression_format")
+        return [f"says that the bag is compressed ({kind}, by {mode}); its files are not"]
+    out = []
+    for name in [*right, *(name for name in given if name not in right)]:
+        its, should = given.get(name), right.get(name)
+        if its == should or (its is None and (name in _OPTIONAL or name.startswith(_HASH))):
+            continue
+        empty = name.startswith("topic ") and None in (its, should) and (its or should or (0,))[-1] == 0
+        if not empty:  # tools leave out topics without messages
+            out.append(f"{name} is {its!r}, the files make it {should!r}")
+    return out
+
+
+_HASH = "type_description_hash"
+_OPTIONAL = ("files", "duration", "starting_time", "compression_mode")
+"""What old versions do not say, or only of some bags."""
+
+
+def _meaning(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what metadata say of a bag, flat, in one form for all versions and orders.
+
+    Raises
+    ------
+    AttributeError, KeyError, TypeError, ValueError
+        Where they do not say it.
+    """
+    version = info["version"]
+    if type(version) is not int or version < 1:
+        raise ValueError(f"version {version!r}")
+    out: dict[str, Any] = {
+        "storage_identifier": info["storage_identifier"],
+        "message_count": info["message_count"],
+        "relative_file_paths": sorted(info["relative_file_paths"] or []),
+        "compression_mode": str(info.get("compression_mode") or "").replace("NONE", "") or None,
+    }
+    if info["message_count"]:
+        out["duration"] = info["duration"]["nanoseconds"]
+        out["starting_time"] = info["starting_time"]["nanoseconds_since_epoch"]
+    for topic in info["topics_with_message_count"] or []:
+        said = topic["topic_metadata"]
+        qos = said.get("offered_qos_profiles") or []
+        if bool(qos) and isinstance(qos, str) == (version >= NESTED_QOS):
+            raise ValueError(f"QoS of {said['name']} as {type(qos).__name__} in version {version}")
+        qos = yaml.load(qos, _LOADER) if isinstance(qos, str) else qos
+        out[f"topic {said['name']}"] = (
+            said["type"],
+            said["serialization_format"],
+            [_plain(profile) for profile in qos],
+            topic["message_count"],
+        )
+        if _HASH in said or version >= HASHED:
+            out[f"{_HASH} of {said['name']}"] = said.get(_HASH) or ""
+    files = [_file(file) for file in info.get("files") or []]
+    out["files"] = sorted(files) or None
+    return out
+
+
+def _file(file: Mapping[str, Any]) -> tuple[Any, ...]:
+    count = file["message_count"]
+    span = (file["starting_time"]["nanoseconds_since_epoch"], file["duration"]["nanoseconds"]) if count else ()
+    return (file["path"], count, *span)
+
+
+_NAMES = {
+    "history": {1: "keep_last", 2: "keep_all"},
+    "reliability": {1: "reliable", 2: "best_effort"},
+    "durability": {1: "transient_local", 2: "volatile"},
+    "liveliness": {1: "automatic", 3: "manual_by_topic"},
+}
+"""Old versions have numbers where new ones have words."""
+
+_INFINITE = ((9223372036, 854775807), (2147483647, 4294967295), (0, 0))
+"""What tools write for a duration without bound: seconds, nanoseconds."""
+
+
+def _plain(profile: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a QoS profile with the words of today."""
+    out = {}
+    for name, value in profile.items():
+        if isinstance(value, dict):
+            span = (value.get("sec"), value.get("nsec"))
+            out[name] = "infinite" if span in _INFINITE else dict(value)
+        else:
+            out[name] = _NAMES.get(name, {}).get(value, value)
+    return out

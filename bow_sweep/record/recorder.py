@@ -1,7 +1,8 @@
 """The recorder node: subscribes to everything on the graph of a run, writes it to a bag, and gives receipts.
 
 A latched `plan` opens the bag of a run and closes it. Streams and verdicts are stored once by identity and answered
-every time; a receipt goes out after its bytes are in the file. After a restart the bag goes on in its next file.
+every time; a receipt goes out after its bytes are in the file, and one for every block when all of it is on the disk.
+After a restart the bag goes on in its next file.
 """
 
 from __future__ import annotations
@@ -77,6 +78,14 @@ class RecorderNode(BowNode):
         runs_dir, run_dir = (
             self.declare_parameter(name, default, ParameterDescriptor(description=what, read_only=True)).value
             for name, (default, what) in texts.items()
+        )
+        switches = {
+            "sync": "say that a block is stored only when it is on the disk; false: when it is in the file",
+            "lock": "lock run directories; false: not, for file systems without locks",
+        }
+        self._sync, self._locks = (
+            self.declare_parameter(name, True, ParameterDescriptor(description=what, read_only=True)).value
+            for name, what in switches.items()
         )
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
         self._session: Session | None = None
@@ -177,7 +186,8 @@ class RecorderNode(BowNode):
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == CLOSED and not (directory / FOLDER).is_dir():
                 return  # over before we came
-            self._session = Session(directory, plan, data, self._names, self.incarnation, time.time_ns())
+            session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
+            self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
             self._waiting = (plan, data)
             self.become(Health.STARTING, str(error), run)
@@ -191,10 +201,10 @@ class RecorderNode(BowNode):
         else:
             self._complained = self._counted = 0
             for file in self._session.report["files"]:
-                if file["was"] == "torn":
+                if file["did"] != "keep":
                     self.get_logger().warning(
-                        f"{file['file']} was cut off: {file['messages']} messages kept, "
-                        f"{file['dropped_bytes']} bytes after the last complete chunk dropped"
+                        f"{file['file']} is {file['was']}, {file['did']}: {file['messages']} messages stay; taken out: "
+                        f"{', '.join(file['aside']) or 'nothing'}"
                     )
             self.become(Health.STARTING, f"opened {self._session.bag.path}", run)
             self._tick()

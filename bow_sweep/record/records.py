@@ -30,6 +30,11 @@ class Damage(NamedTuple):
     start: int
     end: int
     what: str
+    kind: str = "bytes"
+    """"bytes": in the data; "index": of a chunk, which tells what is right; "end": from the end of the data on;
+    "tail": after a whole end; "data": somewhere in the data, not known where."""
+    right: bytes = b""
+    """What should stand there, where that is known."""
 
 
 class Message(NamedTuple):
@@ -51,8 +56,10 @@ def unpack_message(record: bytes | memoryview, start: int, end: int, offset: int
     return Message(channel, sequence, log_time, publish_time, data, offset)
 
 
-def unpack_chunk(record: bytes) -> tuple[Chunk, memoryview, list[tuple[int, int, int]]]:
+def unpack_chunk(record: bytes, sealed: bool = False) -> tuple[Chunk, memoryview, list[tuple[int, int, int]]]:
     """Return a chunk record, its unpacked payload, and (opcode, start, end) of the records in there.
+
+    A CRC of zero means that there is none, as MCAP says; in a file that is `sealed` every chunk has one.
 
     Raises
     ------
@@ -81,8 +88,8 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, memoryview, list[tuple[int, int,
             payload = memoryview(stream.read(unpacked))
         except Exception as error:  # zstd and lz4 raise their own
             raise ValueError(f"a chunk that cannot be unpacked: {error}") from None
-    actual = crc32(payload)
-    if actual != crc and (crc or not compression):
+    actual = crc32(payload) if crc or sealed else 0
+    if actual != crc:
         raise ValueError(f"the chunk has CRC {actual:08x}, should have {crc:08x}")
     inner, position = [], 0
     while position < len(payload):
@@ -95,20 +102,38 @@ def unpack_chunk(record: bytes) -> tuple[Chunk, memoryview, list[tuple[int, int,
     return chunk, payload, inner
 
 
-def find_chunk(fd: int, at: int) -> int | None:
-    """Return where the first chunk at or after `at` begins whose lengths and CRC hold, if any."""
+def find_chunk(fd: int, at: int, sealed: bool = False) -> int | None:
+    """Return where the first chunk at or after `at` begins whose lengths and CRC hold, if any.
+
+    Without a CRC the records in it have to make sense: nothing but schemas, channels and messages of its time.
+    """
     with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as view:
         for match in _CHUNK_START.finditer(view, at):
             start = match.start()
             if start + CHUNK_HEAD.size > len(view):
                 return None
-            _, length, first, last, size, _, name_length, packed = CHUNK_HEAD.unpack_from(view, start)
+            _, length, first, last, size, crc, name_length, packed = CHUNK_HEAD.unpack_from(view, start)
             plain = name_length == 0 and size == packed == length - CHUNK_HEAD.size + 9
             if not (plain or name_length in (3, 4)) or first > last or length > len(view) - start - 9:
                 continue
             try:
-                unpack_chunk(view[start : start + 9 + length])
+                _, payload, inner = unpack_chunk(view[start : start + 9 + length], sealed)
+                if not crc and not _plausible(payload, inner, first, last):
+                    continue
             except PARSE_ERRORS:
                 continue
             return start
     return None
+
+
+def _plausible(payload: memoryview, inner: list[tuple[int, int, int]], first: int, last: int) -> bool:
+    """Whether records are what a chunk with these first and last log times may hold."""
+    opcodes = {opcode for opcode, _, _ in inner}
+    times = (
+        unpack_message(payload, start, end, -1).log_time for opcode, start, end in inner if opcode == Opcode.MESSAGE
+    )
+    return (
+        Opcode.MESSAGE in opcodes
+        and opcodes <= {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
+        and all(first <= time <= last for time in times)
+    )

@@ -1,14 +1,17 @@
-"""Repairs bags whose writer was killed: complete chunks are kept, index and footer are written anew.
+"""Repairs bags: what is whole is kept, what is not is set aside beside the bag, index and footer are written anew.
 
-A torn file is cut after its last complete chunk and given its end, in place: no room for a copy is needed, and dying
-here leaves just another torn file. A damaged file, one with wrong bytes before its end, is reported and left alone.
+A torn file is cut after its last complete chunk and given its end, in place: no room for a copy of it is needed, and
+dying here leaves just another torn file. In a file of ours that is damaged further in, one record covers the bad bytes,
+so that what is good before and after them stays where it is. A file that cannot be mended so, or that holds again what
+other files hold (a copy, an older version), is set aside whole: its blocks are computed again, with the same bytes.
+
+Of bags that others wrote only torn files are repaired; what is whole is not touched.
 """
 
 from __future__ import annotations
 
-import fcntl
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,12 +19,18 @@ from typing import Any
 from isal.isal_zlib import crc32
 from mcap.records import Header
 
-from .bag import FOLDER, METADATA, BagError, BagMessage, bag_files, bag_of, label, write_metadata
-from .mcapfile import LIBRARY, MAGIC, pack, write_all
-from .metadata import FileInfo, render
+from bow_sweep.ledger_file import read_leniently
+from bow_sweep.locks import HeldError, take
+
+from .aside import copy_aside, set_aside
+from .bag import FOLDER, METADATA, BagError, bag_of, write_metadata
+from .inspection import ASIDE, KEEP, MEND, REFUSE, Identity, Inspection, Part, inspect
+from .mcapfile import COVER, COVERED, LIBRARY, MAGIC, pack, write_all
+from .metadata import FileInfo, MetadataError, differences, others_part, parse
 from .scan import Scan
 
-Visit = Callable[[BagMessage], None]
+ROUNDS = 4
+"""Damage found one behind the other, looked at again after each repair, before a file is set aside whole."""
 
 
 class LockedError(BagError):
@@ -29,21 +38,24 @@ class LockedError(BagError):
 
 
 @contextmanager
-def locked(run_directory: Path) -> Iterator[None]:
-    """Hold the recorder's lock on a run directory.
+def locked(run_directory: Path, lock: bool = True) -> Iterator[None]:
+    """Hold the recorder's lock on a run directory; without `lock` nothing is held.
 
     Raises
     ------
     LockedError
         Where a live recorder holds it.
+    OSError
+        Where there can be no lock.
     """
-    path = run_directory / ".recorder.lock"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    if not lock:
+        yield
+        return
     try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise LockedError(f"{run_directory}: a recorder is at work on it ({path.name} is locked)") from None
+        descriptor = take(run_directory, "recorder")
+    except HeldError as error:
+        raise LockedError(str(error).replace("another recorder", "a recorder")) from None
+    try:
         yield
     finally:
         os.close(descriptor)
@@ -66,69 +78,173 @@ def repair_file(scan: Scan) -> None:
         os.close(descriptor)
 
 
-def repair(directory: Path, visit: Visit | None = None) -> tuple[dict[str, Any], list[FileInfo]]:
+def mend_file(scan: Scan) -> tuple[bool, list[Path]]:
+    """Mend a file read to its end by `scan`; return whether it is whole now, and what was set aside."""
+    aside: list[Path] = []
+    for _ in range(ROUNDS):
+        if scan.whole:
+            break
+        parts = _taken_out(scan)
+        aside += [copy_aside(scan.path, start, end) for start, end, _ in parts if end > start]
+        if scan.damage:
+            _overwrite(scan, parts)
+        else:
+            repair_file(scan)
+        scan = Scan(scan.path).run()
+    return scan.whole, aside
+
+
+def _taken_out(scan: Scan) -> list[tuple[int, int, bytes]]:
+    """Return which bytes go, and what takes their place where that is known; what is cut off comes last."""
+    cut = min([scan.size, *(d.start for d in scan.damage if d.end >= scan.size and not d.right)])
+    if not scan.finished or any(damage.kind == "end" for damage in scan.damage):
+        cut = min(cut, scan.good_end)
+    parts = [(d.start, d.end, d.right) for d in scan.damage if d.end <= cut]
+    return [*parts, (cut, scan.size, b"")]
+
+
+def _overwrite(scan: Scan, parts: list[tuple[int, int, bytes]]) -> None:
+    """Put the right bytes in the place of bad ones, or cover them by a record that readers skip; cut off the last.
+
+    Where bytes of the data are changed, the end of the file goes too: it is written anew.
+    """
+    descriptor = os.open(scan.path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        for start, end, right in parts[:-1]:
+            os.pwrite(descriptor, right or COVER.pack(COVERED, end - start - COVER.size), start)
+        os.ftruncate(descriptor, scan.good_end if parts[1:] and scan.finished else parts[-1][0])
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def repair(
+    directory: Path, identity: Identity | None = None, dry_run: bool = False, resuming: bool = False
+) -> tuple[dict[str, Any], Inspection]:
     """Repair the files of a bag; see :func:`recover`.
 
     Parameters
     ----------
     directory
         Of the bag itself; may be empty or missing.
-    visit
-        Called with every message that is there, in order.
+    identity
+        Run and sweep that it belongs to, where that is known: then no file of others stays in it.
+    dry_run
+        Say what would be done, change nothing.
+    resuming
+        Set aside also what others wrote where the run cannot go on with it.
 
     Returns
     -------
     report
         As of :func:`recover`.
-    files
-        What metadata.yaml says of each file.
+    inspection
+        What is in the bag now.
+
+    Raises
+    ------
+    BagError
+        Where it is the bag of another run, or of several.
     """
-    reports, infos = [], []
-    for path in bag_files(directory):
-        scan = Scan(path)
-        for message in scan.messages():
-            if visit is not None:
-                visit(label(scan.contents.channels[message.channel].topic, message, path))
-        torn = not scan.finished and not scan.damage
-        if torn:
-            repair_file(scan)
-        infos.append(FileInfo.of(path.name, scan.contents))
-        reports.append(
-            {
-                "file": path.name,
-                "was": "damaged" if scan.damage else "torn" if torn else "whole",
-                "messages": scan.contents.messages,
-                "dropped_bytes": scan.size - scan.good_end if torn else 0,
-                "damage": [damage._asdict() for damage in scan.damage],
-            }
-        )
-    ok = all(report["was"] != "damaged" for report in reports)
-    rewritten = False
-    if ok and infos:
-        path = directory / METADATA
-        rewritten = not path.is_file() or path.read_text(errors="replace") != render(infos)
-        if rewritten:
-            write_metadata(directory, infos)
-    report = {"ok": ok, "bag": str(directory), "files": reports, "metadata_rewritten": rewritten}
-    return report, infos
+    reports: dict[str, dict[str, Any]] = {}
+    for _ in range(ROUNDS):
+        found = inspect(directory, identity, resuming)
+        failed = [part for part in found.parts if not _carry_out(part, reports, dry_run)]
+        if not failed:
+            break
+    rewritten, aside = _settle_metadata(directory, found, dry_run)
+    order = sorted(reports)
+    report = {
+        "ok": not any(part.action == REFUSE for part in found.parts),
+        "bag": str(directory),
+        "files": [reports[name] for name in order],
+        "metadata_rewritten": rewritten,
+        "metadata_aside": str(aside) if aside else None,
+        "missing": [list(range_) for range_ in found.survey.missing()],
+        "dry_run": dry_run,
+    }
+    return report, found
 
 
-def recover(run_directory: Path) -> dict[str, Any]:
+def _carry_out(part: Part, reports: dict[str, dict[str, Any]], dry_run: bool) -> bool:
+    """Do with a file what is to be done; return whether its contents are what was found."""
+    scan, name = part.scan, part.path.name
+    whole = True
+    aside: list[Path] = []
+    if part.action == MEND and not dry_run:
+        whole, aside = mend_file(scan)
+    if (part.action == ASIDE or not whole) and not dry_run:
+        aside.append(set_aside(part.path))
+    before = reports.get(name, {})
+    reports[name] = {
+        "file": name,
+        "was": before.get("was", part.was),
+        "did": ASIDE if not whole else before.get("did", KEEP) if part.action == KEEP else part.action,
+        "why": part.why or before.get("why", ""),
+        "messages": scan.contents.messages if part.action in (KEEP, MEND, REFUSE) and whole else 0,
+        "dropped_bytes": before.get("dropped_bytes", part.dropped_bytes),
+        "damage": before.get(
+            "damage", [{"start": d.start, "end": d.end, "what": d.what} for d in scan.damage if part.was != "torn"]
+        ),
+        "aside": [*before.get("aside", []), *map(str, aside)],
+    }
+    return whole
+
+
+def _settle_metadata(directory: Path, found: Inspection, dry_run: bool) -> tuple[bool, Path | None]:
+    """Write metadata.yaml anew where it does not say what the files do; return whether, and what was set aside."""
+    path, infos = directory / METADATA, found.survey.files
+    if any(part.action == REFUSE for part in found.parts) or not (infos or path.exists()):
+        return False, None
+    aside: Path | None = None
+    others: dict[str, Any] = {}
+    try:
+        info = parse(path.read_bytes())
+        untouched = all(part.action == KEEP and not part.scan.ours for part in found.parts)
+        if infos and (untouched or not differences(info, infos)):
+            return False, None
+        others = others_part(info)
+    except FileNotFoundError:
+        pass
+    except MetadataError:
+        if not dry_run:
+            aside = set_aside(path)
+    if not dry_run and infos:
+        write_metadata(directory, infos, others)
+    elif not dry_run and path.exists():
+        aside = set_aside(path)  # of files that are all gone
+    return bool(infos), aside
+
+
+def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> dict[str, Any]:
     """Repair the bag of a run directory, or a bag directory; what is whole stays as it is.
 
     Returns
     -------
     dict
-        For JSON. ``ok``: nothing is damaged; ``files``: for each, what it ``was`` (whole, torn: now repaired, damaged:
-        not touched), ``messages`` in it, ``dropped_bytes`` after the last complete chunk, and ``damage``: byte ranges
-        that are not what was written.
+        For JSON. ``ok``: nothing is left that is damaged. ``files``: for each, what it ``was`` (whole, torn, damaged,
+        misplaced: a copy or an older version), what was done, ``did`` (keep, mend, set aside, refuse: damaged, and not
+        ours), ``why``, ``messages`` that stay in it, ``dropped_bytes`` after its last complete chunk, ``damage``: byte
+        ranges that are not what was written, and ``aside``: the files that hold what was taken out. ``missing``:
+        numbers of messages that are gone, [first, last].
 
     Raises
     ------
     BagError
-        Where there is no bag, or a recorder is writing it.
+        Where there is no bag, it is of several runs, or a recorder is writing it.
     """
     directory = bag_of(run_directory)
     run = directory.parent if directory.name == FOLDER else directory
-    with locked(run):
-        return repair(directory)[0]
+    if dry_run:
+        return repair(directory, identity_of(run), True)[0]
+    with locked(run, lock):
+        return repair(directory, identity_of(run))[0]
+
+
+def identity_of(run_directory: Path) -> Identity | None:
+    """Return run and sweep as the ledger beside a bag has them; None where none tells."""
+    reading = read_leniently(run_directory)
+    return (reading.entries[0]["run_id"], reading.entries[0]["sweep_id"]) if reading.planned else None
+
+
+__all__ = ["FileInfo", "LockedError", "locked", "recover", "repair"]

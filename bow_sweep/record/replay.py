@@ -166,6 +166,10 @@ def replay(
     """
     directory = bag_of(run_directory)
     survey = Survey(directory).read(progress, share=0.4)
+    stored = [place for places in survey.places.values() for place in places.values()]
+    packed = next((place.file for place in stored if place.offset < 0), None)
+    if packed is not None:
+        raise BagError(f"{packed}: is compressed; bow writes bags that are not, and replays only those")
     if survey.problems:
         first = survey.problems[0]
         raise BagError(f"{directory}: {first['what']} ({first.get('file', '')}); `bow verify` tells more")

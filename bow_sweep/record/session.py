@@ -1,11 +1,12 @@
 """One run being recorded: what may enter the bag, what is answered, and when. No ROS: bytes in, receipts out.
 
 A receipt is written into the same chunk of the file as what it confirms, before it is published: either both are in the
-bag or neither is.
+bag or neither is. When all of a block is in the file, it is seen on the disk, and another receipt says so.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 from collections import Counter
 from collections.abc import Mapping
@@ -14,11 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim import wire
+from bow_sim.files import sync_directory
 from bow_sim.model import ParameterError
 
-from .bag import FOLDER, BagError, BagMessage, BagWriter
+from .bag import FOLDER, BagError, BagWriter
+from .disk import DiskSync
 from .expected import CLOSED, Expected
+from .inspection import Inspection
 from .inventory import Answer, Inventory
+from .notes import HOW, note
 from .recover import locked, repair
 from .topics import STORED_ONCE, TOPICS, Topic
 
@@ -52,14 +57,18 @@ class Session:
         Of the recorder.
     now
         Nanoseconds since 1970.
+    sync
+        Say of a block that it is stored only when it is on the disk; without, when it is in the file.
+    lock
+        Keep other recorders off the directory; without, where its file system has no locks.
 
     Raises
     ------
     ParameterError
         Where the plan is not one that can be run.
     BagError
-        Where the directory is another run's, is damaged, another recorder writes it (LockedError), or the plan closes
-        what was closed before (AlreadyClosedError).
+        Where the directory is another run's, another recorder writes it (LockedError), or the plan closes what was
+        closed before (AlreadyClosedError).
     OSError
         Where it cannot be written.
     """
@@ -72,6 +81,9 @@ class Session:
         names: Mapping[str, str],
         incarnation: str,
         now: int,
+        *,
+        sync: bool = True,
+        lock: bool = True,
     ) -> None:
         self.directory = directory
         self.expected = Expected.of(plan)
@@ -84,39 +96,45 @@ class Session:
         """Topic and incarnation of whose messages were taken; clear it when you have looked."""
         self.last_plan: dict[str, Any] = {}
         self._answers: list[Answer] = []
-        self._sequence = 0
+        self._whole: dict[int, int] = {}  # block -> attempt that completed it, since the last commit
+        self._on_disk: set[int] = set()
+        self._disk: DiskSync | None = None
         with ExitStack() as stack:
             directory.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(directory))
-            report, files = repair(directory / FOLDER, self._visit)
-            if not report["ok"]:
-                file = next(file for file in report["files"] if file["damage"])
-                start, end, what = file["damage"][0].values()
-                raise BagError(f"{directory / FOLDER / file['file']}: damaged, bytes {start} to {end}: {what}")
+            sync_directory(directory.parent)
+            stack.enter_context(locked(directory, lock))
+            identity = self.expected.run_id, self.expected.sweep_id
+            self.report, found = repair(directory / FOLDER, identity, resuming=True)
+            self.last_plan = found.survey.plan
             if self.closed and plan["epoch"] <= self.last_plan["epoch"]:  # a finished run goes on in a new epoch only
                 raise AlreadyClosedError(f"{directory / FOLDER} is closed")
-            self.inventory.duplicates = 0
-            self.report = report
+            self._restore(found, sync)
             topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
-            self.bag = BagWriter(directory / FOLDER, topics, files, self._sequence)
+            notes = [HOW, *([note(found.missing, _why(self.report))] if found.missing else [])]
+            files, last = found.survey.files, found.survey.last or 0
+            self.bag = BagWriter(directory / FOLDER, topics, files, last, notes)
             stack.callback(self.bag.abandon)
+            if sync:
+                self._disk = DiskSync(self.bag.fileno())
+                stack.callback(self._disk.close)
             self.plan(plan, data, now)
             self._stack = stack.pop_all()
 
-    def _visit(self, message: BagMessage) -> None:
-        """Take a message that is in the bag already into the inventory."""
-        self._sequence = message.sequence
-        if message.topic in STORED_ONCE:
-            head = wire.decode_head(STORED_ONCE[message.topic], message.data)
-            self.inventory.take(message.topic, *(head[name] for name in ("block", "chunk", "attempt", "checksum")))
-        elif message.topic == "plan":
-            plan = wire.decode("Plan", message.data)
-            if (plan["run_id"], plan["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
-                raise BagError(
-                    f"{message.file.parent}: holds run {plan['run_id']}, sweep {plan['sweep_id']}; this is run "
-                    f"{self.expected.run_id}, sweep {self.expected.sweep_id}: it needs a directory of its own"
-                )
-            self.last_plan = plan
+    def _restore(self, found: Inspection, sync: bool) -> None:
+        """Take what is in the bag already into the inventory, once it is on the disk."""
+        survey = found.survey
+        for file in survey.files if sync else ():
+            with open(self.directory / FOLDER / file.name, "rb") as stream:
+                os.fdatasync(stream.fileno())
+        for topic, places in survey.places.items():
+            self.inventory.restore(topic, {key: place.checksum for key, place in places.items()})
+        self.inventory.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
+        self._on_disk = {block for block in survey.attempts if self._is_whole(block)}
+        unsaid = [block for block in self._on_disk if (wire.RECEIPT_BLOCK, block, 0) not in survey.receipts]
+        self._answers = [Answer(wire.RECEIPT_BLOCK, n, 0, survey.attempts[n], 0) for n in sorted(unsaid)]
+
+    def _is_whole(self, block: int) -> bool:
+        return self.inventory.count(block) == len(STORED_ONCE) * self.expected.chunks
 
     @property
     def closed(self) -> bool:
@@ -177,6 +195,10 @@ class Session:
         new, answer = self.inventory.take(topic, block, chunk, attempt, checksum)
         if answer is not None:
             self._answers.append(answer)
+            if block in self._on_disk and chunk == self.expected.chunks - 1:
+                self._answers.append(Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0))
+        if new and self._is_whole(block):
+            self._whole[block] = attempt
         return new
 
     def _is_of_run(self, topic: str, data: bytes) -> bool:
@@ -198,11 +220,17 @@ class Session:
             Where the disk does not take it; the session is over then, the bag holds what was committed before.
         """
         message = None
+        whole, self._whole = self._whole, {}
+        on_disk = whole if self._disk is None else self._disk.done()
+        self._on_disk.update(on_disk)
+        self._answers += [Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
         if self._answers:
             message = self._receipt(self._answers)
             self._answers = []
             self._add("receipts", message, now)
         self.bag.commit()
+        if self._disk is not None and whole:
+            self._disk.ask(whole)
         return message
 
     def empty_receipt(self) -> bytes:
@@ -222,6 +250,12 @@ class Session:
             As :meth:`commit`.
         """
         try:
+            if self._disk is not None:
+                self._whole = {**self._disk.close(), **self._whole}
+                self._disk = None
+                if self._whole:
+                    self.bag.commit()
+                    os.fdatasync(self.bag.fileno())
             message = self.commit(now)
             if self.closed:
                 self._add("plan", self._closing, now)
@@ -233,6 +267,12 @@ class Session:
     def abandon(self) -> None:
         """Close the file as it is and give up the lock."""
         self._stack.close()
+
+
+def _why(report: Mapping[str, Any]) -> str:
+    """Return why messages are missing, for the note on it."""
+    parts = [f"{file['file']}: {file['did']} ({file['why'] or file['was']})" for file in report["files"]]
+    return "; ".join(part for part in parts if ": keep" not in part) or "a file was taken out, or exchanged"
 
 
 def log_name(data: bytes) -> str:

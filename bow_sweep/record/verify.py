@@ -13,20 +13,26 @@ import numpy as np
 
 from bow_classifier.regimes import is_helmholtz
 from bow_sim.model import ParameterError
-from bow_sim.wire import RECEIPT_STREAMS, RECEIPT_VERDICTS
+from bow_sim.wire import RECEIPT_BLOCK, RECEIPT_STREAMS, RECEIPT_VERDICTS
 from bow_sweep.adaptive import next_round, within_budget
 
 from .bag import FOLDER, BagError, bag_of
 from .beside import Beside, transient_lengths
 from .expected import CLOSED, DONE, QUARANTINED, Expected
+from .index_survey import IndexSurvey
 from .replay import differing, rejudge, task_of
 from .survey import Chunks, Key, Progress, Survey
+
+RECEIPTS_BLOCKS = 2
+"""Version of the record from which on a block is receipted as a whole."""
 
 SCAN_SHARE = 0.4
 """Part of the work that is reading the bag; judging is the rest."""
 
 
-def verify(run_directory: Path, progress: Progress | None = None) -> dict[str, Any]:
+def verify(
+    run_directory: Path, progress: Progress | None = None, judge: bool = True, index: bool = False
+) -> dict[str, Any]:
     """Account for everything in a run's bag.
 
     Parameters
@@ -35,6 +41,10 @@ def verify(run_directory: Path, progress: Progress | None = None) -> dict[str, A
         Of the run; or a bag alone, and then there is no map or ledger to hold against it.
     progress
         Called with (done, total).
+    judge
+        Derive the verdicts again.
+    index
+        Find the messages by the index of the files and believe the checksums that they carry, instead of reading all.
 
     Returns
     -------
@@ -46,23 +56,27 @@ def verify(run_directory: Path, progress: Progress | None = None) -> dict[str, A
     """
     began = time.monotonic()
     try:
-        survey = Survey(bag_of(run_directory))
+        survey = (IndexSurvey if index else Survey)(bag_of(run_directory))
     except BagError as error:
         survey = Survey(Path(run_directory))
         survey.problem(str(error))
     else:
-        survey.read(progress, SCAN_SHARE)
-        if survey.expected is None:
-            survey.problem("the bag holds no plan", file=FOLDER)
+        survey.read(progress, SCAN_SHARE if judge else 1.0)
+    return {**account(survey, Path(run_directory), judge, progress), "seconds": round(time.monotonic() - began, 2)}
+
+
+def account(survey: Survey, run_directory: Path, judge: bool, progress: Progress | None = None) -> dict[str, Any]:
+    """Hold what was found in a bag against its plan, itself, and what lies beside it; see :func:`verify`."""
     result: dict[str, Any] = {"ok": False, "directory": str(run_directory)}
-    if survey.expected is not None:
-        result |= _Accounts(survey, survey.expected).all(Path(run_directory), progress)
+    if survey.expected is not None and survey.plan:
+        result |= _Accounts(survey, survey.expected).all(run_directory, progress, judge)
+    elif survey.files:
+        survey.problem("the bag holds no plan", file=FOLDER)
     return {
         **result,
         "ok": not survey.problem_count,
         "messages": survey.messages,
         "files": [file.name for file in survey.files],
-        "seconds": round(time.monotonic() - began, 2),
         "problem_count": survey.problem_count,
         "problems": survey.problems,
     }
@@ -81,7 +95,7 @@ class _Accounts:
         self.complete = np.zeros(expected.blocks, bool)
         self.equal = 0
 
-    def all(self, run_directory: Path, progress: Progress | None) -> dict[str, Any]:
+    def all(self, run_directory: Path, progress: Progress | None, judge: bool) -> dict[str, Any]:
         """Check everything; return the counts."""
         expected, survey = self.expected, self.survey
         if survey.plan["state"] != CLOSED:
@@ -89,7 +103,8 @@ class _Accounts:
         for block in range(expected.blocks):
             self._block(block)
         self._receipts()
-        self._judge(progress)
+        if judge:
+            self._judge(progress)
         done = expected.planned.cells_of(np.flatnonzero(self.complete))
         self._rounds(done)
         sizes = np.array([expected.planned.size(block) for block in range(expected.blocks)])
@@ -143,7 +158,7 @@ class _Accounts:
     # ---- receipts
 
     def _receipts(self) -> None:
-        """What is stored was receipted, with its checksum; nothing else was."""
+        """What is stored was receipted, with its checksum; nothing else was, but for what is noted as missing."""
         survey = self.survey
         keys = survey.places["bridge_force"].keys() | survey.verdicts.keys()
         for key in sorted(keys):
@@ -156,13 +171,18 @@ class _Accounts:
                     what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {said}"
                     self.problem(what, block=key[0], chunk=key[1])
         for kind, block, chunk in sorted(survey.receipts):
-            there = (
-                survey.chunk_checksum((block, chunk)) is not None
-                if kind == RECEIPT_STREAMS
-                else (block, chunk) in survey.verdicts
-            )
-            if not there:
+            there = {
+                RECEIPT_STREAMS: survey.chunk_checksum((block, chunk)) is not None,
+                RECEIPT_VERDICTS: (block, chunk) in survey.verdicts,
+                RECEIPT_BLOCK: block < self.expected.blocks and (self.complete[block] or not survey.lacks(block)),
+            }
+            lost = bool(survey.noted) and block < self.expected.blocks and self.states[block] != DONE
+            if not (there.get(kind) or lost):
                 self.problem(f"{_KINDS.get(kind, kind)} receipted, not stored", block=block, chunk=chunk)
+        if survey.version >= RECEIPTS_BLOCKS:
+            for block in np.flatnonzero(self.complete).tolist():
+                if (RECEIPT_BLOCK, block, 0) not in survey.receipts:
+                    self.problem("nothing says that it came to the disk", block=block)
 
     # ---- the verdicts again
 
@@ -218,4 +238,4 @@ class _Accounts:
             tried[cells] = True
 
 
-_KINDS = {RECEIPT_STREAMS: "streams", RECEIPT_VERDICTS: "verdicts"}
+_KINDS = {RECEIPT_STREAMS: "streams", RECEIPT_VERDICTS: "verdicts", RECEIPT_BLOCK: "the whole block"}

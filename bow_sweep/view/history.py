@@ -91,6 +91,8 @@ def main() -> None:
         write_history(run / FILE, read_map_npz(run / "map.npz"))
     except MapFileError as error:
         raise SystemExit(f"{run}: {error}") from None
+    except (OSError, RuntimeError) as error:  # rerun raises its own RuntimeError
+        raise SystemExit(f"{run / FILE}: cannot be written: {error}") from None
     print(run / FILE)
 
 

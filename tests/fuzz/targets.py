@@ -42,6 +42,7 @@ from bow_sweep.record.recover import recover
 from bow_sweep.record.replay import load_verdicts, replay
 from bow_sweep.record.scan import Scan
 from bow_sweep.record.verify import verify
+from bow_sweep.resume import prepare
 from bow_sweep.run import Run, RunError, is_finished, read_ledger
 from bow_sweep.view.maps import MapFile, MapFileError, read_map_npz, write_map_npz
 
@@ -275,6 +276,12 @@ class Targets:
             accounts = run.accounts()
             assert accounts["planned"] == accounts["done"] + accounts["quarantined"] + accounts["outstanding"]
             run.close()
+        try:
+            prepare(directory)
+        except RunError as error:
+            assert str(directory) in str(error)
+        for path in directory.glob("ledger.jsonl.torn*"):
+            path.unlink()
         assert {path.name for path in directory.iterdir()} <= _LEDGER_FILES
 
     def map_file(self, chance: Chance) -> None:
@@ -314,13 +321,14 @@ class Targets:
         assert {problem["file"] for problem in result["problems"]} <= {name}
 
     def damaged_run(self, chance: Chance) -> None:
-        """Every command on a run comes to an end, and says what is wrong; bytes that are changed are always seen."""
+        """Every command on a run comes to an end, and says what is wrong; changed bytes of the bag are always seen."""
         data = mutated(chance, self.whole_bag)
         self.bag.write_bytes(data)
         metadata = self.run / "bag" / METADATA
         metadata.write_bytes(mutated(chance, self.metadata) if chance.random() < 0.2 else self.metadata)
-        same = (data, metadata.read_bytes()) == (self.whole_bag, self.metadata)
-        assert verify(self.run)["ok"] == same
+        holds = verify(self.run)["ok"]
+        assert not (holds and data != self.whole_bag)
+        assert holds or (data, metadata.read_bytes()) != (self.whole_bag, self.metadata)
         for command in (load_verdicts, replay, recover):
             try:
                 command(self.run)  # type: ignore[operator]
@@ -332,11 +340,12 @@ class Targets:
             assert str(error)
         for path in self.run.rglob("*.mcap"):
             path.unlink()
+        shutil.rmtree(self.run / "bag_aside", ignore_errors=True)
         for path in self.run.glob("verdicts-*"):
             path.unlink()
 
 
-_LEDGER_FILES = {"ledger.jsonl", "ledger.jsonl.torn", ".coordinator.lock"}
+_LEDGER_FILES = {"ledger.jsonl", ".coordinator.lock", ".recorder.lock"}
 
 
 def recording_window() -> Any:

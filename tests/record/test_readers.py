@@ -10,14 +10,18 @@ import pytest
 import recording
 import yaml
 from mcap.reader import make_reader
+from mcap.records import Metadata
+from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from bow_sim import wire
 from bow_sweep.record.bag import METADATA, bag_files
+from bow_sweep.record.scan import Scan
 from bow_sweep.record.schema import SchemaError, definition, type_hash
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, short_name
+from bow_sweep.record.verify import verify
 
 SWEEP = recording.small_sweep()
 NPM = ("@mcap/core", "@foxglove/rosmsg", "@foxglove/rosmsg2-serialization")
@@ -79,6 +83,43 @@ def test_rosbags_reads_every_topic(continued):
         same_as_kernel(found[topic], topic, names)
     assert [plan.state for plan in found["plan"]] == [1, 1, 2]
     assert sum(len(receipt.kind) for receipt in found["receipts"]) >= 24
+
+
+@pytest.fixture(scope="module")
+def mended(continued, tmp_path_factory):
+    """The same run with a chunk of its first file damaged, and gone on with: a covered range, and a note on it."""
+    run = tmp_path_factory.mktemp("mended") / "run"
+    shutil.copytree(continued, run)
+    path = bag_files(run / "bag")[0]
+    content = bytearray(path.read_bytes())
+    content[Scan(path).run().contents.chunks[-1].chunk_start_offset + 200] ^= 1
+    path.write_bytes(content)
+    third = recording.session(run, SWEEP, epoch=3)
+    for topic, data in recording.everything(SWEEP):
+        third.take(topic, data, 5_000)
+    recording.finish(third, SWEEP, epoch=3)
+    assert len(bag_files(run / "bag")) == 3
+    assert verify(run)["ok"]
+    return run
+
+
+def test_other_readers_read_a_bag_that_was_mended(mended):
+    with AnyReader([mended / "bag"]) as reader:
+        found = [(short_name(c.topic), reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
+    for topic, names in LAYERS.items():
+        same_as_kernel([message for name, message in found if name == topic], topic, names)
+    numbers, noted = [], []
+    for path in bag_files(mended / "bag"):
+        with open(path, "rb") as file:
+            for record in StreamReader(file, validate_crcs=True).records:  # from the first byte to the last
+                noted += [record.name] if isinstance(record, Metadata) else []
+        with open(path, "rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            numbers += [message.sequence for _, _, message in reader.iter_messages(log_time_order=False)]
+            noted += [record.name for record in reader.iter_metadata()]
+    assert len(numbers) == len(found) < max(numbers)
+    assert noted.count("bow.missing") == 2  # by each of the two ways
+    assert noted.count("bow.record") == 6
 
 
 def test_rosbags_reads_what_the_metadata_say(continued):

@@ -18,6 +18,8 @@ from bow_sweep.record.verify import verify
 
 SWEEP = recording.small_sweep()
 KEYS = {(kind, block, chunk) for kind in (0, 1) for block in range(SWEEP.blocks) for chunk in range(SWEEP.chunks)}
+KEYS |= {(2, block, 0) for block in range(SWEEP.blocks)}
+"""What is receipted of the whole sweep: streams and verdicts of every chunk, and that every block is on the disk."""
 
 
 def open_run(graph, epoch=1):
@@ -91,7 +93,7 @@ def test_a_recorder_that_is_told_to_stop_finishes_its_file(graph):
     graph.start_recorder()
     open_run(graph)
     send(graph, blocks=[0])
-    graph.until(lambda: len(answered(graph, 1)) == 8, "a block is receipted")
+    graph.until(lambda: len(answered(graph, 1)) == 9, "a block is receipted")
     assert graph.stop() == 0
     result = verify(graph.directory)
     assert {p["what"].partition(":")[0] for p in result["problems"]} == {"the last plan is open", "outstanding"}

@@ -3,6 +3,7 @@
 import errno
 import os
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from bow_sweep.record.expected import CLOSED, Expected
 from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE
+from bow_sweep.record.verify import verify
 
 SWEEP = recording.small_sweep()
 CHUNK = recording.chunks(SWEEP, 1)[2]
@@ -250,13 +252,21 @@ def test_a_directory_of_another_run_is_refused(tmp_path, recorded):
     assert sum(path.stat().st_size for path in (recorded / "bag").iterdir()) == size
 
 
-def test_a_damaged_bag_is_not_continued(run):
+def test_a_damaged_bag_is_mended_and_continued_and_lacks_only_what_was_damaged(run):
     path = bag_files(run / "bag")[0]
     content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
+    content[[m.offset for m in messages(run / "bag") if m.topic == "stick_slip"][5] + 50] ^= 1
     path.write_bytes(content)
-    with pytest.raises(BagError, match=r"bag_0.mcap: damaged, bytes \d+ to \d+"):
-        recording.session(run, SWEEP, epoch=2)
+    before = len(list(recording.everything(SWEEP)))
+    again = recording.session(run, SWEEP, epoch=2)
+    assert before // 2 < len(again.inventory) < before
+    for topic, data in recording.everything(SWEEP, attempt=2):
+        take(again, topic, data)
+    recording.finish(again, SWEEP, epoch=2)
+    (damage,) = again.report["files"][0]["damage"]
+    (aside,) = again.report["files"][0]["aside"]
+    assert Path(aside).read_bytes() == content[damage["start"] : damage["end"]]
+    assert verify(run)["ok"]
 
 
 def test_after_a_full_disk_the_bag_holds_what_was_committed_and_can_go_on(tmp_path, monkeypatch):

@@ -104,7 +104,7 @@ def rewritten(run, keep, renumber):
     found = list(scan.messages())
     names = {number: channel.topic for number, channel in scan.contents.channels.items()}
     path.unlink()
-    writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values())
+    writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values(), scan.notes)
     kept = [m for n, m in enumerate(found) if keep(n, names[m.channel].rpartition("/")[2])]
     for number, message in enumerate(kept, 1):
         sequence = number if renumber else message.sequence
@@ -151,7 +151,7 @@ def test_a_message_that_is_doubled_or_moved_is_seen(run):
     for order in ([0, 1, 2, 3, 3, *range(4, len(found))], [0, 2, 1, *range(3, len(found))]):
         scan = Scan(path).run()
         path.unlink()
-        writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values())
+        writer = McapWriter(path, scan.contents.schemas.values(), scan.contents.channels.values(), scan.notes)
         for n in order:
             writer.add(found[n].channel, found[n].sequence, found[n].log_time, found[n].publish_time, found[n].data)
         writer.finish()

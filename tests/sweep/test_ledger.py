@@ -25,7 +25,7 @@ def answer(ledger: Ledger, block: int, now: float = 0.0) -> list:
         out += ledger.handle(L.Receipted(block, chunk, chunk_sum(block, chunk), False), now)
         out += ledger.handle(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk)), now)
         out += ledger.handle(L.Receipted(block, chunk, verdict_sum(block, chunk), True), now)
-    return out
+    return out + ledger.handle(L.OnDisk(block), now)
 
 
 def dispatches(out: list) -> list[L.Dispatch]:
@@ -58,7 +58,7 @@ def test_dispatch_is_recorded_before_it_is_sent() -> None:
     assert isinstance(out[1], L.Dispatch)
 
 
-@pytest.mark.parametrize("missing", ["streams", "judged", "verdicts"])
+@pytest.mark.parametrize("missing", ["streams", "judged", "verdicts", "disk"])
 def test_a_block_is_not_done_while_one_answer_is_missing(missing: str) -> None:
     ledger = Ledger(1, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
@@ -66,6 +66,7 @@ def test_a_block_is_not_done_while_one_answer_is_missing(missing: str) -> None:
         "streams": [L.Receipted(0, c, chunk_sum(0, c), False) for c in range(CHUNKS)],
         "judged": [L.Judged(0, c, chunk_sum(0, c), verdict_sum(0, c)) for c in range(CHUNKS)],
         "verdicts": [L.Receipted(0, c, verdict_sum(0, c), True) for c in range(CHUNKS)],
+        "disk": [L.OnDisk(0)],
     }
     last = events[missing].pop()
     for kind in events.values():
@@ -163,6 +164,34 @@ def test_an_answer_that_never_comes_makes_the_block_due_again() -> None:
     assert [d.attempt for d in dispatches(ledger.handle(L.Tick(), 2 + L.STALE_S))] == [2]
 
 
+def test_a_block_that_only_waits_for_the_disk_is_not_computed_again_at_once() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    answer(ledger, 0)
+    assert ledger.finished
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.Finished("a", 0, 1), 1)
+    for chunk in range(CHUNKS):
+        ledger.handle(L.Receipted(0, chunk, chunk_sum(0, chunk), False), 1)
+        ledger.handle(L.Judged(0, chunk, chunk_sum(0, chunk), verdict_sum(0, chunk)), 1)
+        ledger.handle(L.Receipted(0, chunk, verdict_sum(0, chunk), True), 1)
+    assert dispatches(ledger.handle(L.Tick(), 2 + L.STALE_S)) == []
+    assert [d.attempt for d in dispatches(ledger.handle(L.Tick(), 2 + L.DISK_S))] == [2]
+
+
+def test_resume_takes_what_the_bag_showed() -> None:
+    records = [
+        {"event": "done", "block": 0},
+        {"event": "reopened", "block": 0, "why": "chunk 0: no bridge_force", "attempt": 4, "epoch": 7},
+        {"event": "done", "block": 1, "why": "found whole in the bag", "attempt": 2},
+    ]
+    again = Ledger.resume(2, CHUNKS, records)
+    assert again.epoch == 8
+    assert [block.state for block in again.blocks] == [State.DUE, State.DONE]
+    assert [(d.block, d.attempt) for d in dispatches(again.handle(L.SimulatorReady("b"), 0))] == [(0, 5)]
+
+
 def test_a_refused_block_is_given_to_another() -> None:
     ledger = Ledger(1, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
@@ -203,10 +232,22 @@ class Sweeping(RuleBasedStateMachine):
         self.records: list = []
         self.now = 0.0
         self.names = 0
+        self.seen: set[int] = set()
+
+    def follow(self, event: L.Event) -> None:
+        """Note which blocks the recorder of today has seen on the disk."""
+        if isinstance(event, L.ConsumerRestarted):
+            self.seen.clear()
+        if isinstance(event, L.OnDisk):
+            self.seen.add(event.block)
 
     def do(self, event: L.Event) -> None:
         before = [block.state for block in self.ledger.blocks]
+        self.follow(event)
         out = self.ledger.handle(event, self.now)
+        for item in out:
+            if isinstance(item, L.Settled) and item.state is State.DONE:
+                assert item.block in self.seen, "done is only what has been seen on the disk since the last restart"
         self.records += [item.entry for item in out if isinstance(item, L.Record)]
         for old, block in zip(before, self.ledger.blocks, strict=False):
             if old in (State.DONE, State.QUARANTINED):
@@ -232,6 +273,10 @@ class Sweeping(RuleBasedStateMachine):
     def receipt(self, block: int, chunk: int, wrong: int) -> None:
         self.do(L.Receipted(block, chunk, chunk_sum(block, chunk) + wrong, False))
         self.do(L.Receipted(block, chunk, verdict_sum(block, chunk), True))
+
+    @rule(block=st.integers(0, 7))
+    def see_on_disk(self, block: int) -> None:
+        self.do(L.OnDisk(block))
 
     @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS))
     def judge(self, block: int, chunk: int) -> None:

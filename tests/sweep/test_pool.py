@@ -17,6 +17,7 @@ from bow_sweep.ledger import (
     Finished,
     Judged,
     Ledger,
+    OnDisk,
     Receipted,
     SimulatorLost,
     SimulatorReady,
@@ -226,6 +227,8 @@ class Sweeps(RuleBasedStateMachine):
             self.emit(Judged(block, chunk, 5, 6))
             self.emit(Receipted(block, chunk, 5, verdicts=False))
             self.emit(Receipted(block, chunk, 6, verdicts=True))
+        if answered:
+            self.emit(OnDisk(block))
 
     @rule(name=names, said=st.booleans())
     def die(self, name: str, said: bool) -> None:

@@ -12,7 +12,8 @@ from bow_sim.files import replacing
 from bow_sweep.basin import Basin
 from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
-from bow_sweep.run import LEDGER, Run, RunError, lock, read_ledger
+from bow_sweep.results import writing
+from bow_sweep.run import LEDGER, PICTURE, Run, RunError, digest, is_finished, lock, read_ledger
 
 SMALL = ["x.count=4", "y.count=2", "block_cells=4", "periods=10"]
 
@@ -152,3 +153,28 @@ def test_transient_length_is_the_first_test_passed_and_a_later_failure_does_not_
     assert basin.helmholtz_fraction() == pytest.approx(2 / 3)
     assert basin.regime_counts()[other] == 2
     assert basin.regime_counts().sum() == 3
+
+
+def test_a_disk_that_does_not_take_the_results_is_named_with_what_to_do(tmp_path: Path) -> None:
+    what = r"No space left on device; every block is done and in the bag: make room, then resume"
+    with pytest.raises(RuntimeError, match=what), writing(tmp_path, RuntimeError):
+        raise OSError(28, "No space left on device", "map.png")
+
+
+def test_the_report_knows_the_picture_that_it_was_written_with(tmp_path: Path) -> None:
+    run = small_run(tmp_path / "run")
+    assert run.report(Basin(4, 2, 2), 1.0, {})["picture"] is None
+    (tmp_path / "run" / PICTURE).write_bytes(b"picture")
+    assert run.report(Basin(4, 2, 2), 1.0, {})["picture"] == digest(tmp_path / "run" / PICTURE)
+    run.close()
+
+
+def test_a_block_that_was_reopened_and_is_done_again_is_settled(tmp_path: Path) -> None:
+    run = small_run(tmp_path / "run")
+    events = [("done", 0), ("done", 1), ("reopened", 0)]
+    run.record([{"event": event, "block": block} for event, block in events])
+    run.report(Basin(4, 2, 2), 1.0, {})
+    assert not is_finished(tmp_path / "run", read_ledger(tmp_path / "run"))
+    run.record([{"event": "done", "block": 0}])
+    assert is_finished(tmp_path / "run", read_ledger(tmp_path / "run"))
+    run.close()

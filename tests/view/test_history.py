@@ -5,19 +5,24 @@ import pytest
 import read_rrd
 from example_maps import HELMHOLTZ, SLIP, map_file
 
-from bow_sweep.view.history import SUMMARY, write_history
-from bow_sweep.view.maps import MapFileError
+from bow_sweep.view.history import SUMMARY, main, write_history
+from bow_sweep.view.maps import MapFileError, write_map_npz
 
 
-def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
+def with_history():
+    """Return a map that keeps the regimes of three tests."""
     regimes = np.full((3, 4, 8), SLIP, np.uint8)
     regimes[1, 3, 0] = HELMHOLTZ  # upper left; it regresses
-    plane = replace(
+    return replace(
         map_file(tests=3),
         regimes=regimes,
         helmholtz=regimes == HELMHOLTZ,
         confidence=np.full((3, 4, 8), 0.5, np.float32),
     )
+
+
+def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
+    plane = with_history()
     path = tmp_path / "history.rrd"
     write_history(path, plane)
     assert not read_rrd.verify(path)
@@ -33,3 +38,11 @@ def test_the_recording_steps_through_the_regimes_of_every_test(tmp_path):
 def test_a_map_that_kept_no_history_has_none_to_show(tmp_path):
     with pytest.raises(MapFileError, match="keeps no regime of each test"):
         write_history(tmp_path / "history.rrd", map_file())
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path, monkeypatch):
+    write_map_npz(tmp_path / "map.npz", with_history())
+    (tmp_path / "history.rrd").mkdir()
+    monkeypatch.setattr("sys.argv", ["history", str(tmp_path)])
+    with pytest.raises(SystemExit, match=r"history.rrd: cannot be written"):
+        main()

@@ -1,0 +1,76 @@
+"""Sees what is committed to a file on the disk, in a thread of its own: nobody who takes messages waits for a disk."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+JOIN_S = 5.0
+"""At the end the thread has this long to come back from the disk; it is left alone then."""
+
+
+class DiskSync:
+    """Calls fdatasync on a file whenever something new is to be seen on the disk; one call serves all that waits.
+
+    Parameters
+    ----------
+    descriptor
+        Of the file; it may be closed meanwhile.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = os.dup(descriptor)
+        self._condition = threading.Condition()
+        self._asked: dict[int, int] = {}
+        self._current: dict[int, int] = {}
+        self._done: dict[int, int] = {}
+        self._error: OSError | None = None
+        self._ended = False
+        self._thread = threading.Thread(target=self._work, name="disk", daemon=True)
+        self._thread.start()
+
+    def ask(self, items: dict[int, int]) -> None:
+        """Have all that is committed by now on the disk; :meth:`done` gives `items` back then."""
+        with self._condition:
+            self._asked |= items
+            self._condition.notify()
+
+    def done(self) -> dict[int, int]:
+        """Return what has come to the disk since the last call.
+
+        Raises
+        ------
+        OSError
+            Where the disk does not take it.
+        """
+        with self._condition:
+            if self._error is not None:
+                raise self._error
+            done, self._done = self._done, {}
+            return done
+
+    def close(self) -> dict[int, int]:
+        """End the thread; return all that :meth:`done` did not give back, on the disk or not."""
+        with self._condition:
+            self._ended = True
+            self._condition.notify()
+        self._thread.join(JOIN_S)
+        return {**self._done, **self._current, **self._asked}
+
+    def _work(self) -> None:
+        try:
+            while True:
+                with self._condition:
+                    self._condition.wait_for(lambda: self._asked or self._ended)
+                    if self._ended:
+                        return
+                    self._current, self._asked = self._asked, {}
+                os.fdatasync(self._descriptor)
+                with self._condition:
+                    self._done |= self._current
+                    self._current = {}
+        except OSError as error:
+            with self._condition:
+                self._error = error
+        finally:
+            os.close(self._descriptor)
