@@ -48,6 +48,9 @@ COMPLAINTS = 20
 """Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
 
 
+AGAIN_S = 2.0
+"""Between two receipts for a block that is on the disk and not done: the first may have got lost."""
+
 READERS = (("receipts", "coordinator"),)
 """Who has to hear what."""
 
@@ -93,7 +96,7 @@ class RecorderNode(BowNode):
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
         self._outbox: deque[bytes] = deque()
-        self._try_at = self._last_sent = self._waits_until = 0.0
+        self._try_at = self._last_sent = self._waits_until = self._last_said = 0.0
         self._authority = Authority(self.works_for)
         # In the bag a topic has the name that readers look for, also where it is remapped on the graph.
         prefix = self.get_namespace().rstrip("/")
@@ -225,6 +228,9 @@ class RecorderNode(BowNode):
         if session.closed:
             self._finish("the plan is closed")
             return
+        if self.awake.now() - self._last_said >= AGAIN_S:
+            self._last_said = self.awake.now()
+            session.say_again()
         self._commit(session)
         self._look(session)
         self._publish()

@@ -14,6 +14,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bow_sim import wire
 from bow_sim.files import sync_directory
 from bow_sim.model import ParameterError
@@ -97,7 +99,7 @@ class Session:
         self.last_plan: dict[str, Any] = {}
         self._answers: list[Answer] = []
         self._whole: dict[int, int] = {}  # block -> attempt that completed it, since the last commit
-        self._on_disk: set[int] = set()
+        self._on_disk: dict[int, int] = {}  # block -> attempt that completed it
         self._disk: DiskSync | None = None
         with ExitStack() as stack:
             directory.mkdir(parents=True, exist_ok=True)
@@ -129,9 +131,9 @@ class Session:
         for topic, places in survey.places.items():
             self.inventory.restore(topic, {key: place.checksum for key, place in places.items()})
         self.inventory.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
-        self._on_disk = {block for block in survey.attempts if self._is_whole(block)}
+        self._on_disk = {block: attempt for block, attempt in survey.attempts.items() if self._is_whole(block)}
         unsaid = [block for block in self._on_disk if (wire.RECEIPT_BLOCK, block, 0) not in survey.receipts]
-        self._answers = [Answer(wire.RECEIPT_BLOCK, n, 0, survey.attempts[n], 0) for n in sorted(unsaid)]
+        self._answers = [Answer(wire.RECEIPT_BLOCK, n, 0, self._on_disk[n], 0) for n in sorted(unsaid)]
 
     def _is_whole(self, block: int) -> bool:
         return self.inventory.count(block) == len(STORED_ONCE) * self.expected.chunks
@@ -232,6 +234,12 @@ class Session:
         if self._disk is not None and whole:
             self._disk.ask(whole)
         return message
+
+    def say_again(self) -> None:
+        """Answer again for blocks on the disk that the plan still calls outstanding: a receipt may have got lost."""
+        outstanding = np.flatnonzero(np.asarray(self.last_plan["block_states"]) == 0).tolist()
+        again = {block: self._on_disk[block] for block in outstanding if block in self._on_disk}
+        self._answers += [Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in again.items()]
 
     def empty_receipt(self) -> bytes:
         """Return a receipt for nothing: it shows that receipts arrive, and is not recorded."""

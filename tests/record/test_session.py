@@ -46,6 +46,25 @@ def take(session, topic, data):
     session.take(topic, data, time.time_ns())
 
 
+def test_a_block_on_the_disk_is_receipted_again_until_the_plan_says_that_it_is_done(session):
+    for chunk in recording.chunks(SWEEP, 1):
+        for topic, data in chunk.items():
+            take(session, topic, data)
+    said = []
+    deadline = time.monotonic() + 20
+    while (wire.RECEIPT_BLOCK, 1, 0, 1, 0) not in said:
+        assert time.monotonic() < deadline
+        if message := session.commit(time.time_ns()):
+            said += receipts(message)
+    assert session.commit(time.time_ns()) is None
+    session.say_again()
+    assert receipts(session.commit(time.time_ns())) == [(wire.RECEIPT_BLOCK, 1, 0, 1, 0)]
+    data = recording.plan(SWEEP, states=np.array([0, 1, 0], np.uint8))
+    session.plan(wire.decode("Plan", data), data, time.time_ns())
+    session.say_again()
+    assert session.commit(time.time_ns()) is None
+
+
 def test_a_chunk_is_receipted_after_it_is_in_the_file(session, tmp_path):
     session.commit(time.time_ns())
     path = bag_files(tmp_path / "run" / "bag")[0]
