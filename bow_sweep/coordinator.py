@@ -123,12 +123,11 @@ class CoordinatorNode(BowNode):
         self._began = time.monotonic()
         self._done_before = run.cells_in(State.DONE)
         self._tested = -1
+        self.become(Health.STARTING, "a sweep opens", run.run_id)
         if run.ledger.finished:  # it was cut off between its last block and its report
             self._go_on_or_close(run)
         else:
             self._publish_plan(Plan.OPEN)
-        if not self._closing:
-            self.become(Health.STARTING, "a sweep opens", run.run_id)
         self.get_logger().info(f"run {run.run_id}: {sweep.cells} cells, {run.blocks.count} blocks, in {run.directory}")
 
     def _finish(self) -> None:

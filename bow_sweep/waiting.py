@@ -19,20 +19,21 @@ STUCK_S, AFTER_STOP_S = 12.0, 6.0
 UNHEARD_S = 15.0
 """A process has this long, while it does not compute, to be heard for the first time or again."""
 
-STALL_S = 120.0
+STALL_S = 300.0
 """A sweep that makes no progress for so long, while no process is stopped, is given up; it can be resumed."""
 
 RESTARTS = 3
 """A role that is started again so often because it is not heard will not be heard."""
 
 BUSY_SHARE, BUSY_BYTES = 0.2, 1e6
-"""Share of a core, or bytes a second, that a process uses which is still starting, rather than waiting."""
+"""Share of a core that a process uses or would use, if it had one, or bytes a second, that is still starting."""
 
 
 class Usage(NamedTuple):
-    """What the system says of a process: whether it is stopped, CPU seconds, bytes read and written."""
+    """What the system says of a process: whether it is stopped, or runs or would like to; CPU seconds, bytes moved."""
 
     stopped: bool = False
+    runs: bool = False
     cpu_s: float = 0.0
     bytes: int = 0
 
@@ -44,7 +45,9 @@ def usage(pid: int) -> Usage:
         moved = [int(line.split()[1]) for line in Path(f"/proc/{pid}/io").read_text().splitlines()[:2]]
     except OSError:
         return Usage()
-    return Usage(words[0] in "Tt", (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK"), sum(moved))
+    return Usage(
+        words[0] in "Tt", words[0] in "RD", (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK"), sum(moved)
+    )
 
 
 class Waiting:
@@ -66,6 +69,7 @@ class Waiting:
         self._away: set[int] = set()  # those of them that have not taken up the run
         self._heard: dict[int, float] = {}
         self._usage: dict[int, tuple[Usage, float]] = {}  # what each used, and when it was so much
+        self._looks: dict[int, list[bool]] = {}  # since then: whether it ran
         self._progress: tuple[object, float] = (None, 0.0)
         self.worked: set[int] = set()
         """Processes that were ready once."""
@@ -124,18 +128,25 @@ class Waiting:
         for pid in pids:
             used = self._look(pid)
             before, since = self._usage.setdefault(pid, (used, now))
+            looks = self._looks.setdefault(pid, [])
+            looks.append(used.runs)
             passed = now - since
             if passed > 1:
-                self._usage[pid] = (used, now)
-                busy = (
-                    used.cpu_s - before.cpu_s > BUSY_SHARE * passed or used.bytes - before.bytes > BUSY_BYTES * passed
-                )
-                if busy:
-                    self._heard[pid] = max(self._heard.get(pid, now), now - UNHEARD_S / 2)
+                self._usage[pid], self._looks[pid] = (used, now), []
+                cpu, moved = (used.cpu_s - before.cpu_s) / passed, (used.bytes - before.bytes) / passed
+                if max(cpu, sum(looks) / len(looks)) > BUSY_SHARE or moved > BUSY_BYTES:
+                    self._excuse(pid, now)
             if now - self._heard.setdefault(pid, now) > UNHEARD_S:
                 silent.add(pid)
         return silent
 
+    def _excuse(self, pid: int, now: float) -> None:
+        """Give a process that is busy half of its time again."""
+        self._heard[pid] = max(self._heard.get(pid, now), now - UNHEARD_S / 2)
+        if pid in self._starting:
+            role, since = self._starting[pid]
+            self._starting[pid] = (role, max(since, now - self._patience / 2))
+
     def is_stalled(self, now: float) -> bool:
         """Return whether there was no progress for too long."""
-        return now - self._progress[1] > STALL_S
+        return now - max(self._progress[1], self._opened) > STALL_S

@@ -94,6 +94,7 @@ def environment_of(file: str, run: Path, **given: object) -> dict[str, str]:
 
 @pytest.mark.parametrize("file", [file.name for file in FILES])
 def test_the_graph_stays_on_this_machine_unless_asked(file: str, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(RANGE, "LOCALHOST")
     assert environment_of(file, run) == {RANGE: "LOCALHOST"}
     assert environment_of(file, run, discovery_range="SUBNET")[RANGE] == "SUBNET"
     for unset in ("", None):

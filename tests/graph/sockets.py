@@ -39,7 +39,7 @@ def sockets_of(process: psutil.Process) -> set[Socket]:
     """Return the TCP listeners and UDP sockets of a process; what it has connected is not bound to be reached."""
     found = set()
     with contextlib.suppress(psutil.NoSuchProcess, psutil.AccessDenied):
-        name = " ".join(process.cmdline())[:120]
+        name = " ".join(process.cmdline())[:600]
         for one in process.net_connections(kind="inet"):
             kind = "TCP" if one.type == socket.SOCK_STREAM else "UDP"
             if kind == "UDP" or one.status == psutil.CONN_LISTEN:

@@ -163,7 +163,7 @@ def test_a_start_that_fails_leaves_nothing_and_can_be_given_again(
     tmp_path: Path, ros_domain: int, undisturbed_tiny: Path
 ) -> None:
     words = [*BOW, "sweep", *TINY, "--out", "run"]
-    failed = run(["bash", "-c", 'ulimit -n 24; exec "$@"', "bash", *words], tmp_path)
+    failed = run(["bash", "-c", 'ulimit -n 16; exec "$@"', "bash", *words], tmp_path)
     assert failed.returncode == 1
     assert "Traceback" not in failed.stderr
     assert "the same command can be given again" in failed.stderr

@@ -41,7 +41,7 @@ def test_arguments_are_checked_before_a_directory_is_made(tmp_path: Path) -> Non
             ("--port", taken, "--view"): f"--port {taken}: cannot be used on 127.0.0.1",
             ("--view", "--no-dashboard"): "--view needs the dashboard that --no-dashboard leaves out",
             ("--port", "9876", "--no-dashboard"): "--port 9876 needs the dashboard",
-            ("--simulators", "1000"): "--simulators 1000: should be 1 ... 100",
+            ("--simulators", "0"): "--simulators 0: should be at least 1",
         }.items():
             result = bow("sweep", *TINY, *arguments, "--out", str(tmp_path / "run"))
             assert result.returncode == 2, arguments

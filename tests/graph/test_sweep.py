@@ -123,7 +123,7 @@ def test_bad_input_is_refused_before_anything_is_made(tmp_path: Path) -> None:
         ("fig11d", "--set", "colour=red"): "colour",
         ("fig11d", "--simulators", "0"): "--simulators 0",
         ("fig11d", "--resume", str(tmp_path)): "--resume",
-        ("--resume", str(tmp_path / "nothing")): "ledger.jsonl",
+        ("--resume", str(tmp_path / "nothing")): "is no directory; should be a run directory",
     }
     for arguments, message in cases.items():
         places = [] if "--resume" in arguments else ["--out", str(out)]
