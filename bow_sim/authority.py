@@ -19,18 +19,12 @@ class Authority:
     ----------
     is_alive
         Whether a coordinator, by its incarnation, is heard of and works for a run, by its run_id.
-
-    Attributes
-    ----------
-    refused
-        Plans that were not obeyed.
     """
 
     def __init__(self, is_alive: Callable[[str, str], bool]) -> None:
         self._is_alive = is_alive
         self.run_id = self.owner = ""
         self.epoch = 0
-        self.refused = 0
 
     def objection(self, plan: Mapping[str, Any]) -> str:
         """Return why a decoded Plan is not to be obeyed, or ""; then it is the one in progress from now on."""
@@ -44,7 +38,6 @@ class Authority:
         elif self.run_id and owner != self.owner and self._is_alive(self.owner, self.run_id):
             why = f"run {run_id} of coordinator {owner or '?'}: run {self.run_id} of {self.owner} is in progress"
         if why:
-            self.refused += 1
             return why
         self.run_id, self.owner, self.epoch = run_id, owner, epoch
         if plan["state"] != OPEN:

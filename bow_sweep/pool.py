@@ -65,9 +65,6 @@ class Pool:
         self._simulators: dict[str, _Simulator] = {}
         self._doubles: set[str] = set()
 
-    def __len__(self) -> int:
-        return sum(simulator.listed for simulator in self._simulators.values())
-
     def begin(self) -> None:
         """Begin a run: nobody is in its ledger yet, and what was heard before says nothing of it."""
         for simulator in self._simulators.values():
