@@ -22,7 +22,7 @@ AGAIN = 1000
 
 SUPERVISOR = "supervisor"
 
-_LOCKS = (f".{SUPERVISOR}.lock", ".coordinator.lock", ".recorder.lock")
+_START = (f".{SUPERVISOR}.lock", ".coordinator.lock", ".recorder.lock", f".{LEDGER}.part")
 """What a start leaves, beside logs, that was cut off before the run began."""
 
 DASHBOARD = "dashboard.rrd"
@@ -145,7 +145,7 @@ def _check_name(name: str) -> None:
 def never_began(directory: Path) -> bool:
     """Return whether a directory holds nothing but what a start leaves that was cut off before its run began."""
     logs = directory / LOGS
-    return all(path.name in _LOCKS or path == logs for path in directory.iterdir()) and (
+    return all(path.name in _START or path == logs for path in directory.iterdir()) and (
         not logs.exists() or all(map(_is_log, logs.iterdir()))
     )
 
@@ -208,7 +208,7 @@ def _remove_start(directory: Path) -> None:
     """Remove what a start has left in a directory."""
     logs = directory / LOGS
     with contextlib.suppress(OSError):
-        for name in (*_LOCKS, DASHBOARD):
+        for name in (*_START, DASHBOARD):
             (directory / name).unlink(missing_ok=True)
         for path in filter(_is_log, logs.iterdir()):
             path.unlink(missing_ok=True)

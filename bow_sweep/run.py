@@ -7,7 +7,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -89,10 +89,20 @@ class Run:
     """
 
     def __init__(
-        self, directory: Path, run_id: str, sweep: Sweep, blocks: Blocks, ledger: Ledger, locked: bool = True
+        self,
+        directory: Path,
+        run_id: str,
+        sweep: Sweep,
+        blocks: Blocks,
+        ledger: Ledger,
+        locked: bool = True,
+        first: Sequence[Mapping[str, Any]] = (),
     ) -> None:
         self.directory, self.run_id, self.sweep, self.blocks, self.ledger = directory, run_id, sweep, blocks, ledger
         self._lock = lock(directory, "coordinator") if locked else -1
+        if first:  # whole or not at all: a ledger without its plan would say nothing
+            at = round(time.time(), 3)
+            ledger_file.write_ledger(directory, [{**entry, "at": at} for entry in first])
         self._file = open(directory / LEDGER, "ab")  # noqa: SIM115  # open as long as the run
         sync_directory(directory)
         self.quarantined: dict[int, str] = {}
@@ -111,9 +121,9 @@ class Run:
             sync_directory(directory.parent)
             if (directory / LEDGER).exists():
                 raise RunError(f"{directory}: holds a run already; resume it, or choose another directory")
-            run = cls(directory, run_id, sweep, sweep.first_blocks, Ledger(sweep.blocks, sweep.chunks), locked)
-            plan = planned(run_id, sweep)
-            run.record([plan, *([round_entry(run.blocks)] if run.blocks.adaptive else [])])
+            blocks = sweep.first_blocks
+            first = [planned(run_id, sweep), *([round_entry(blocks)] if blocks.adaptive else [])]
+            run = cls(directory, run_id, sweep, blocks, Ledger(sweep.blocks, sweep.chunks), locked, first)
         except OSError as error:
             raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
         return run

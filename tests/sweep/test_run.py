@@ -10,6 +10,7 @@ import pytest
 from bow_classifier.regimes import HELMHOLTZ, REGIMES
 from bow_sim.files import replacing
 from bow_sweep.basin import Basin
+from bow_sweep.claim import never_began
 from bow_sweep.ledger import State
 from bow_sweep.plan import Sweep
 from bow_sweep.results import writing
@@ -178,3 +179,18 @@ def test_a_block_that_was_reopened_and_is_done_again_is_settled(tmp_path: Path) 
     run.record([{"event": "done", "block": 0}])
     assert is_finished(tmp_path / "run", read_ledger(tmp_path / "run"))
     run.close()
+
+
+def test_a_ledger_is_there_with_its_plan_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+
+    def killed_here(source: Path, target: Path) -> None:
+        seen.append((Path(target).name, Path(target).exists()))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("os.replace", killed_here)
+    with pytest.raises(KeyboardInterrupt):
+        small_run(tmp_path)
+    assert seen == [("ledger.jsonl", False)]
+    assert not (tmp_path / "ledger.jsonl").exists()
+    assert never_began(tmp_path)
