@@ -12,25 +12,23 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from bow_msgs.msg import Block as BlockMessage
-from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip
+from bow_msgs.msg import Block, BridgeForce, Health, Plan, Receipt, StickSlip
 from numpy.typing import NDArray
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rclpy.publisher import Publisher
 
 from . import wire
 from .authority import Authority
 from .credit import LIMIT, Window
 from .identity import fingerprint, random_id
-from .kernel import Block, ChunkResult
-from .limits import check_block
+from .job import Job, prepare
+from .kernel import ChunkResult
 from .model import ParameterError
 from .neighbours import CONSUMERS, DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
 from .ros import HEARD, INSPECT, STREAM, WAVES, WORK, BowNode, RCLError, live
-from .spec import split
 
 HELP = """
 usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p credit:=8 -p inspect:=[0,77]]
@@ -49,19 +47,6 @@ REFUSED = 8
 LOOK_S = 0.1
 
 STREAMS = ("bridge_force", "stick_slip")
-
-
-@dataclass(eq=False)
-class Job:
-    """A block to compute, as the coordinator's message gives it."""
-
-    message: Mapping[str, Any]
-    block: Block
-
-    @property
-    def key(self) -> tuple[int, int]:
-        """Block and attempt."""
-        return self.message["block"], self.message["attempt"]
 
 
 class SimulatorNode(BowNode):
@@ -95,12 +80,14 @@ class SimulatorNode(BowNode):
         self._leaving = threading.Event()
         self._last_hello = 0.0
 
-        self._force = self.create_publisher(BridgeForce, "bridge_force", WAVES)
-        self._slips = self.create_publisher(StickSlip, "stick_slip", WAVES)
+        self._sending = threading.Lock()
+        self._streams: list[Publisher] = []
+        self._fails = False
+        self._open_streams()
         self._inspect = self.create_publisher(BridgeForce, "inspect", INSPECT)
         self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         self.create_subscription(Receipt, "receipts", self._on_receipts, STREAM, raw=True)
-        self.create_subscription(BlockMessage, "blocks", self._on_block, WORK, raw=True)
+        self.create_subscription(Block, "blocks", self._on_block, WORK, raw=True)
         self._fingerprint = fingerprint()
         self.every(LOOK_S, self._look)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
@@ -117,6 +104,15 @@ class SimulatorNode(BowNode):
         if message.role in CONSUMERS and self.health.state == Health.STARTING:
             self._look()
 
+    def _open_streams(self) -> None:
+        """Make the publishers of the streams; anew where DDS does not let go of a reader that has gone, for good."""
+        self._opened = self.awake.now()
+        with self._sending:
+            for broken in self._streams:
+                self.destroy_publisher(broken)
+            kinds = zip((BridgeForce, StickSlip), STREAMS, strict=True)
+            self._streams, self._fails = [self.create_publisher(kind, topic, WAVES) for kind, topic in kinds], False
+
     def _look(self) -> None:
         """Be ready as long as the consumers of this run hear our streams, and we the receipts."""
         if self._changed:
@@ -130,6 +126,9 @@ class SimulatorNode(BowNode):
         missing = self.neighbours.missing(topics, run, now, HELLO_S if starting else DEAF_S)
         if missing:
             self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
+            if self._fails and now - self._opened > DEAF_S:
+                self.get_logger().warning("the streams do not go out: their publishers are made anew")
+                self._open_streams()
         elif starting:
             self.become(Health.BUSY if self._held else Health.READY)
 
@@ -139,9 +138,7 @@ class SimulatorNode(BowNode):
         now = time.monotonic()
         if self._run[0] and now - self._last_hello >= pause:
             self._last_hello = now
-            with contextlib.suppress(RCLError):  # it comes again
-                self._force.publish(wire.hello("BridgeForce", self.incarnation))
-                self._slips.publish(wire.hello("StickSlip", self.incarnation))
+            self._publish([wire.hello(name, self.incarnation) for name in ("BridgeForce", "StickSlip")])
 
     def _on_plan(self, data: bytes) -> None:
         try:
@@ -254,7 +251,7 @@ class SimulatorNode(BowNode):
         lengths = {name: len(message[name]) for name in ("cells", "x", "y")}
         if len(set(lengths.values())) != 1 or not lengths["cells"]:
             raise ValueError(f"array lengths {lengths} should be equal and above 0")
-        return Job(message, _prepare(message))
+        return Job(message, prepare(message))
 
     def _say_what_is_held(self) -> None:
         """Publish which blocks are held and which were refused: the coordinator goes by that."""
@@ -349,10 +346,12 @@ class SimulatorNode(BowNode):
 
     def _publish(self, messages: Sequence[bytes]) -> None:
         try:
-            for publisher, message in zip((self._force, self._slips), messages, strict=True):
-                publisher.publish(message)
-                self.health.bytes += len(message)
+            with self._sending:
+                for publisher, message in zip(self._streams, messages, strict=True):
+                    publisher.publish(message)
+                    self.health.bytes += len(message)
         except RCLError as error:  # a subscriber hangs or is just leaving: what stays unanswered is sent again
+            self._fails = True
             self.get_logger().warning(f"a chunk did not go out: {error}", throttle_duration_sec=5.0)
         self.health.messages += len(messages)
 
@@ -368,25 +367,6 @@ class SimulatorNode(BowNode):
         with self._lock:
             self._lock.notify_all()
         self._worker.join(5.0)
-
-
-def _prepare(message: Mapping[str, Any]) -> Block:
-    """Return the kernel's block for a message, everything in it checked.
-
-    Raises
-    ------
-    ParameterError, ValueError
-        Where it is none that can be computed.
-    """
-    spec = split(message["spec.settings"])
-    parameters = spec.parameters()
-    planned = spec.number("x", "count") * spec.number("y", "count")
-    check_block(len(message["cells"]), parameters)
-    cells = np.asarray(message["cells"], dtype=np.int64)
-    if cells.max() >= planned or len(np.unique(cells)) != len(cells):
-        raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
-    lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
-    return Block(parameters, lanes)
 
 
 def main() -> int:

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ from rclpy.node import Node
 
 from bow_sim import wire
 from bow_sim.identity import fingerprint
-from bow_sim.ros import INSPECT, LATCHED, STREAM, WAVES
+from bow_sim.neighbours import DEAF_S
+from bow_sim.ros import INSPECT, LATCHED, STREAM, WAVES, RCLError
 from bow_sweep.plan import Sweep
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -220,6 +222,23 @@ def test_a_simulator_refuses_blocks_that_cannot_be_right(simulator: object) -> N
     assert "epoch 1 is over" in objection()
     simulator.health.state = Health.STARTING  # type: ignore[attr-defined]
     assert "not ready" in objection(epoch=2)
+
+
+def test_publishers_that_are_broken_for_good_are_made_anew(simulator: Any) -> None:
+    class Broken:
+        def publish(self, _: bytes) -> None:
+            raise RCLError("cannot publish data")
+
+    hello = [wire.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
+    simulator._streams = [Broken(), Broken()]
+    simulator._publish(hello)
+    simulator._look()
+    assert isinstance(simulator._streams[0], Broken)  # it may be for a moment
+    simulator._opened -= 2 * DEAF_S
+    simulator._look()
+    assert [publisher.topic_name for publisher in simulator._streams] == ["/bow/bridge_force", "/bow/stick_slip"]
+    simulator._publish(hello)
+    assert not simulator._fails
 
 
 def test_the_parameter_file_names_what_the_nodes_declare() -> None:
