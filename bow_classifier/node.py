@@ -15,7 +15,7 @@ from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
 from bow_sim import wire
 from bow_sim.authority import Authority
-from bow_sim.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
+from bow_sim.neighbours import FIRST_HELLO_S, HELLO_S, Neighbour
 from bow_sim.ros import HEARD, STREAM, BowNode, RCLError, live
 
 from .stream import Classifier
@@ -109,10 +109,7 @@ class ClassifierNode(BowNode):
         starting, now = self.health.state == Health.STARTING, self.awake.now()
         if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
             self._send([wire.hello("Verdicts", self.incarnation)])
-        missing = self.neighbours.missing(READERS, task.run_id, now, HELLO_S if starting else DEAF_S)
-        if missing:
-            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
-        elif starting:
+        if self.is_heard(READERS, task.run_id) and starting:
             self.become(Health.READY)
 
     def _on_stream(self, name: str, data: bytes) -> None:

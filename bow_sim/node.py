@@ -48,6 +48,9 @@ LOOK_S = 0.1
 
 STREAMS = ("bridge_force", "stick_slip")
 
+READERS = tuple((topic, role) for role in CONSUMERS for topic in STREAMS)
+"""Who has to hear what."""
+
 
 class SimulatorNode(BowNode):
     """One simulator of the pool."""
@@ -114,19 +117,15 @@ class SimulatorNode(BowNode):
             self._streams, self._fails = [self.create_publisher(kind, topic, WAVES) for kind, topic in kinds], False
 
     def _look(self) -> None:
-        """Be ready as long as the consumers of this run hear our streams, and we the receipts."""
+        """Be ready as long as the consumers of this run hear our streams."""
         if self._changed:
             self._say_what_is_held()
         run = self._run[0]
         if not run:
             return
         starting = self.health.state == Health.STARTING
-        now = self.awake.now()
-        topics = [(topic, role) for role in CONSUMERS for topic in STREAMS]
-        missing = self.neighbours.missing(topics, run, now, HELLO_S if starting else DEAF_S)
-        if missing:
-            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
-            if self._fails and now - self._opened > DEAF_S:
+        if not self.is_heard(READERS, run):
+            if self._fails and self.awake.now() - self._opened > DEAF_S:
                 self.get_logger().warning("the streams do not go out: their publishers are made anew")
                 self._open_streams()
         elif starting:

@@ -12,7 +12,7 @@ import socket
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import rclpy
@@ -32,7 +32,7 @@ from . import environment, reach
 from .credit import LIMIT
 from .diagnosis import network_hints
 from .identity import random_id
-from .neighbours import LEFT, AwakeClock, Neighbour, Neighbours
+from .neighbours import DEAF_S, HELLO_S, LEFT, AwakeClock, Neighbour, Neighbours
 from .notes import Note
 
 RCLError = rclpy_implementation.RCLError
@@ -183,6 +183,17 @@ class BowNode(Node):
     def heard(self, topic: str, incarnation: str) -> None:
         """A message of another node has come on a topic."""
         self.neighbours.heard(topic, incarnation, self.awake.now())
+
+    def is_heard(self, topics: Iterable[tuple[str, str]], run_id: str) -> bool:
+        """Return whether the readers of our topics, pairs of topic and role, say that they hear us; else wait for them.
+
+        At first it has to be said just now, later within `DEAF_S`.
+        """
+        patience = HELLO_S if self.health.state == Health.STARTING else DEAF_S
+        missing = self.neighbours.missing(topics, run_id, self.awake.now(), patience)
+        if missing:
+            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
+        return not missing
 
     def works_for(self, incarnation: str, run_id: str) -> bool:
         """Return whether a coordinator is there, answers us, and works for a run."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import shlex
 import time
@@ -29,8 +28,6 @@ DASHBOARD = "dashboard.rrd"
 
 _PROBE = ".writable"
 
-_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
-
 
 @dataclass
 class Claim:
@@ -43,7 +40,7 @@ class Claim:
     made
         Directories that were made for it, the innermost first.
     lock
-        Descriptor of its lock, None where the file system has none.
+        Descriptor of its lock, None where it is not to be locked.
     new
         Whether it is for a new run.
     """
@@ -95,7 +92,7 @@ def claim(out: Path | None, name: str, locked: bool = True) -> Claim:
     try:
         _check_name(str(out or ""))
         directory = _given(out.absolute(), made) if out is not None else _next(name, made)
-        held = Claim(directory, made, _lock(directory) if locked else None, new=True)
+        held = Claim(directory, made, lock(directory, SUPERVISOR) if locked else None, new=True)
         probe = directory / _PROBE
         probe.touch()
         probe.unlink()
@@ -128,11 +125,7 @@ def take_up(directory: Path, locked: bool = True) -> Claim:
         raise RunError(
             f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}"
         )
-    try:
-        held = _lock(directory) if locked else None
-    except OSError:  # read-only: a finished run can still be looked at, and another one is refused by whoever writes
-        held = None
-    return Claim(directory, [], held, new=False)
+    return Claim(directory, [], lock(directory, SUPERVISOR) if locked else None, new=False)
 
 
 def _check_name(name: str) -> None:
@@ -193,15 +186,6 @@ def _make(directory: Path, made: list[Path]) -> None:
             raise
     else:
         made.insert(0, directory)
-
-
-def _lock(directory: Path) -> int | None:
-    try:
-        return lock(directory, SUPERVISOR)
-    except OSError as error:
-        if error.errno in _NO_LOCKS:  # the coordinator says what follows from it
-            return None
-        raise
 
 
 def _remove_start(directory: Path) -> None:

@@ -154,12 +154,11 @@ class Pool:
         """Miss silent simulators, and where `may_join` offer those that are ready; call a few times a second."""
         for name, simulator in list(self._simulators.items()):
             silent = now - simulator.heard
-            if silent > SILENT_S:
+            if self._has_ended(simulator, now):
                 # One of this machine that has not ended is stopped or stuck: that is not its block's doing.
                 there = simulator.host == self._host and not is_gone(simulator.host, simulator.pid, self._host)
-                self._drop(name, f"silent for {silent:.0f} s", blame=not there)
-            elif silent > SPOKE_S and is_gone(simulator.host, simulator.pid, self._host):
-                self._drop(name, "its process has ended", blame=True)
+                why = f"silent for {silent:.0f} s" if silent > SILENT_S else "its process has ended"
+                self._drop(name, why, blame=not there)
             elif may_join and self._can_join(simulator, now):
                 simulator.listed = True
                 simulator.sent.clear()

@@ -21,7 +21,7 @@ from rclpy.serialization import deserialize_message
 
 from bow_sim import wire
 from bow_sim.authority import Authority
-from bow_sim.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
+from bow_sim.neighbours import FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
 from bow_sim.ros import STREAM, BowNode, RCLError, live
 
 from .bag import FOLDER, BagError
@@ -240,10 +240,7 @@ class RecorderNode(BowNode):
         run, starting, now = session.expected.run_id, self.health.state == Health.STARTING, self.awake.now()
         if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
             self._send(session.empty_receipt())
-        missing = self.neighbours.missing(READERS, run, now, HELLO_S if starting else DEAF_S)
-        if missing:
-            self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
-        elif starting:
+        if self.is_heard(READERS, run) and starting:
             self.become(Health.BUSY, f"records to {session.bag.path}")
 
     def beat(self) -> None:
