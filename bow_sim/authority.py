@@ -23,6 +23,7 @@ class Authority:
 
     def __init__(self, is_alive: Callable[[str, str], bool]) -> None:
         self._is_alive = is_alive
+        self._closed: dict[str, int] = {}  # epoch in which each run was closed
         self.run_id = self.owner = ""
         self.epoch = 0
 
@@ -35,12 +36,15 @@ class Authority:
                 why = f"epoch {epoch} of coordinator {owner or '?'}: epoch {self.epoch} of {self.owner} is in charge"
         elif self.run_id and plan["state"] != OPEN:
             why = f"it closes run {run_id}, run {self.run_id} is in progress"
-        elif self.run_id and owner != self.owner and self._is_alive(self.owner, self.run_id):
+        elif epoch <= self._closed.get(run_id, -1):
+            why = f"run {run_id} is over"
+        elif self.run_id and self._is_alive(self.owner, self.run_id):
             why = f"run {run_id} of coordinator {owner or '?'}: run {self.run_id} of {self.owner} is in progress"
         if why:
             return why
         self.run_id, self.owner, self.epoch = run_id, owner, epoch
         if plan["state"] != OPEN:
+            self._closed[run_id] = epoch
             self.release()
         return ""
 

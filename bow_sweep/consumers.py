@@ -49,6 +49,11 @@ class Consumers:
         """Return for people who is not ready, and why; empty where both are."""
         return [self._lacks(role, run_id, now) for role in CONSUMERS if not self.is_ready(role, run_id, now)]
 
+    def untold(self, run_id: str, now: float) -> bool:
+        """Return whether one of the two, or a simulator, has not taken up the run."""
+        simulators = self._neighbours.of_role("simulator", now)
+        return bool(self.missing(run_id, now)) or any(node.run_id != run_id for node in simulators)
+
     def _lacks(self, role: str, run_id: str, now: float) -> str:
         there = self._neighbours.of_role(role, now)
         if not there:

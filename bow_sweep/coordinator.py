@@ -45,7 +45,7 @@ TICK_S = 0.2
 """Between two looks at the pool, two maps and two progress messages: 5 Hz."""
 
 ANNOUNCE_S = 1.0
-"""The plan is said again so often as long as recorder or classifier have not taken it up."""
+"""The plan is said again so often as long as recorder, classifier or a simulator have not taken it up."""
 
 
 class CoordinatorNode(BowNode):
@@ -325,7 +325,7 @@ class CoordinatorNode(BowNode):
         if self._closing:
             self._finish_when_closed()
             return
-        if now - self._last_plan >= ANNOUNCE_S and self._consumers.missing(run.run_id, now):
+        if now - self._last_plan >= ANNOUNCE_S and self._consumers.untold(run.run_id, now):
             self._publish_plan(Plan.OPEN)
         self._say_hello(now)
         self._begin_work()

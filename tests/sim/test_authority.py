@@ -63,9 +63,22 @@ def test_a_coordinator_that_resumes_the_run_is_obeyed_in_its_newer_epoch(authori
     assert authority.owner == THEIRS
 
 
-def test_the_same_coordinator_may_go_on_to_its_next_run(authority: Authority) -> None:
+def test_the_same_coordinator_may_go_on_to_its_next_run_when_it_no_longer_works_for_this_one(
+    authority: Authority, living: set[tuple[str, str]]
+) -> None:
+    assert "in progress" in authority.objection(plan(OTHER_RUN))
+    living.clear()
+    living.add((MINE, OTHER_RUN))
     assert authority.objection(plan(OTHER_RUN)) == ""
     assert authority.run_id == OTHER_RUN
+
+
+def test_a_bag_of_a_run_that_was_closed_is_not_obeyed_when_no_run_is_in_progress(authority: Authority) -> None:
+    assert authority.objection(plan(epoch=3, state=CLOSED)) == ""
+    for epoch in (1, 3):
+        for state in (OPEN, CLOSED):
+            assert "over" in authority.objection(plan(epoch=epoch, state=state))
+    assert authority.objection(plan(epoch=4)) == ""  # it is resumed
 
 
 def test_where_no_run_is_in_progress_any_plan_is_obeyed(authority: Authority) -> None:
