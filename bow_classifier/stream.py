@@ -21,6 +21,7 @@ from bow_classifier.task import Task
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState, PlanState
 
 FORCE, SLIP = "BridgeForce", "StickSlip"
 """The two halves of a chunk."""
@@ -31,9 +32,6 @@ streams; one can run ahead of the other."""
 
 COMPLAINTS = 100
 """Complaints that wait to be fetched, at most; the oldest go first."""
-
-PLAN_OPEN, OUTSTANDING = 1, 0
-"""Values of Plan.state and Plan.block_states."""
 
 
 class Refused(Exception):
@@ -128,7 +126,7 @@ class Classifier:
             self.complain(f"plan ignored: {error}")
             return
         name, epoch = (plan["run_id"], plan["sweep_id"], plan["classifier"]), plan["epoch"]
-        if plan["state"] != PLAN_OPEN:
+        if plan["state"] != PlanState.OPEN:
             if self._plan[0] == plan["run_id"]:
                 self._plan = ("", "", "", -1)
                 self.open(None)
@@ -153,7 +151,7 @@ class Classifier:
                 self.complain(f"plan ignored: {error}")
                 return
         self._plan = (*name, epoch)
-        self.settle(np.flatnonzero(plan["block_states"] != OUTSTANDING).tolist())
+        self.settle(np.flatnonzero(plan["block_states"] != BlockState.OUTSTANDING).tolist())
 
     def grow(self, rounds: np.ndarray) -> None:
         """Take in the rounds of the sweep in progress, ``Plan.rounds``.

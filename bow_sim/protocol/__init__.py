@@ -1,6 +1,7 @@
 """What the nodes say to each other, and what it means: the contract of docs/DESIGN.md. No ROS, no clock.
 
 messages      the fields of every message
+states        the constants of messages
 cdr           messages as CDR bytes and back
 identity      new names for runs and nodes
 sweep_spec    the written form of a sweep

@@ -26,9 +26,6 @@ __all__ = [
     "ENCAPSULATION",
     "FIELDS",
     "INTERVAL_FIELDS",
-    "RECEIPT_BLOCK",
-    "RECEIPT_STREAMS",
-    "RECEIPT_VERDICTS",
     "SHORT_TEXT",
     "SLACK",
     "Buffer",
@@ -55,9 +52,6 @@ SLACK = 32
 
 INTERVAL_FIELDS = ("slipping", "offsets", "onset", "duration", "slip")
 """What StickSlip says of a chunk beyond where it is."""
-
-RECEIPT_STREAMS, RECEIPT_VERDICTS, RECEIPT_BLOCK = 0, 1, 2
-"""Receipt.kind: both stream messages of a chunk; the verdicts on a chunk; all of a block, seen on the disk."""
 
 
 class WireError(ValueError):

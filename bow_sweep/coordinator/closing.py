@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bow_sim.protocol.neighbours import CLOSED, DEAD, FAILED
+from bow_sim.protocol.states import NodeState
 
 IDLE_S = 10.0
 """After the plan has closed, a dashboard that is starting, or has no run yet, has this long to take this one up."""
@@ -34,9 +34,9 @@ def waits_for(nodes: Iterable[Any], run_id: str, waited: float, shown: bool) -> 
     shown
         Whether a dashboard was started for it.
     """
-    gone, late = (CLOSED, FAILED, DEAD), waited > IDLE_S
+    gone, late = (NodeState.CLOSED, NodeState.FAILED, NodeState.DEAD), waited > IDLE_S
     mine = [node for node in nodes if node.run_id == run_id or (not node.run_id and not late)]
-    recorded = any(node.role == "recorder" and node.state in (CLOSED, FAILED) for node in mine)
+    recorded = any(node.role == "recorder" and node.state in (NodeState.CLOSED, NodeState.FAILED) for node in mine)
     drawn = [node.state in gone for node in mine if node.role == "dashboard"]
     if not recorded and waited <= CLOSE_S:
         return "recorder"

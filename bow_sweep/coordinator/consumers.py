@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bow_sim.protocol.neighbours import BUSY, CONSUMERS, READY, Neighbour, Neighbours
+from bow_sim.protocol.neighbours import CONSUMERS, Neighbour, Neighbours
+from bow_sim.protocol.states import NodeState
 
 
 class Consumers:
@@ -43,7 +44,7 @@ class Consumers:
         known = self._neighbours.get(self._chosen.get(role, ""))
         if known is None or not self._neighbours.is_alive(known.incarnation, now):
             return False
-        return known.run_id == run_id and known.state in (READY, BUSY)
+        return known.run_id == run_id and known.state in (NodeState.READY, NodeState.BUSY)
 
     def missing(self, run_id: str, now: float) -> list[str]:
         """Return for people who is not ready, and why; empty where both are."""

@@ -19,11 +19,11 @@ import numpy as np
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState
 from bow_sweep.maps.map_file import MAP
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import FOLDER, BagError
 from bow_sweep.record.bag_contents import Survey
-from bow_sweep.record.expected import QUARANTINED
 from bow_sweep.record.inspection import Identity
 from bow_sweep.record.recover import LockedError, locked, repair
 from bow_sweep.run.directory import (
@@ -230,7 +230,7 @@ def _from_bag(path: Path, entries: Sequence[dict[str, Any]], survey: Survey, pro
     sweep = sweep_of(first, path)
     rest = [entry for entry in entries if entry.get("event") not in ("planned", "round")]
     said = {entry["block"] for entry in rest if entry.get("event") in ("quarantined", "reopened")}
-    given_up = np.flatnonzero(plan["block_states"] == QUARANTINED).tolist()
+    given_up = np.flatnonzero(plan["block_states"] == BlockState.QUARANTINED).tolist()
     why = "given up before, as the plan in the bag says"
     rest += [{"event": "quarantined", "block": block, "why": why} for block in given_up if block not in said]
     return [first, *rest], sweep

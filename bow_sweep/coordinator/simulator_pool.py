@@ -10,7 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from bow_sim.protocol.neighbours import BUSY, CLOSED, DEAD, LEFT, READY, SILENT_S, is_gone
+from bow_sim.protocol.neighbours import LEFT, SILENT_S, is_gone
+from bow_sim.protocol.states import NodeState
 from bow_sweep.run.ledger import Event, Finished, Refused, SimulatorLost, SimulatorReady
 
 TAKEN_S = 3.0
@@ -86,11 +87,11 @@ class Pool:
         """
         name = message.node
         known = self._simulators.get(name)
-        if message.state == DEAD:
+        if message.state == NodeState.DEAD:
             if known is not None and (known.host, known.pid) == (message.host, message.pid):
                 self._drop(name, message.detail, blame=True)
             return
-        if message.state == CLOSED and message.detail == LEFT:
+        if message.state == NodeState.CLOSED and message.detail == LEFT:
             if known is not None and known.incarnation == message.incarnation:
                 self._drop(name, LEFT, blame=False)
             return
@@ -106,7 +107,7 @@ class Pool:
             known = self._simulators[name] = _Simulator(message.incarnation, message.host, message.pid, now)
         known.heard = now
         known.holds = set(zip(message.held_blocks, message.held_attempts, strict=False))
-        working = message.run_id == run_id and message.state in (READY, BUSY)
+        working = message.run_id == run_id and message.state in (NodeState.READY, NodeState.BUSY)
         known.ready = working and hears_us
         if not working:
             self._lose(name, message.detail or "not ready", blame=False)

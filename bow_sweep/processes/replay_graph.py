@@ -29,10 +29,10 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, LIMIT_BYTES
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import FIRST_HELLO_S
+from bow_sim.protocol.states import BlockState
 from bow_sweep.processes.interrupts import Ending
 from bow_sweep.processes.supervisor import GraphError, Supervisor, tail
 from bow_sweep.record.bag_contents import Chunks, Key, Survey
-from bow_sweep.record.expected import DONE
 
 CLASSIFIER = "classifier"
 LISTENERS = ("coordinator", "recorder")
@@ -190,7 +190,7 @@ class _Graph:
                 yield key, values
                 left[key[0]] -= 1
                 if not left[key[0]]:  # as a live coordinator does: the classifier then forgets the block
-                    self.states[key[0]] = DONE
+                    self.states[key[0]] = BlockState.DONE
                     self.say_plan()
 
     def _send(self, key: Key) -> int:

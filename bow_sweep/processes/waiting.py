@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import NamedTuple
 
-from bow_sim.protocol.neighbours import BUSY, CONSUMERS, READY, STARTING
+from bow_sim.protocol.neighbours import CONSUMERS
+from bow_sim.protocol.states import NodeState
 
 STUCK_S, AFTER_STOP_S = 12.0, 6.0
 """A process that does not get to work for so long is started again; sooner after a stop, when all have long started."""
@@ -79,11 +80,11 @@ class Waiting:
         self._heard[pid] = now
         if role == "coordinator" and run_id == self._run_id:
             self._opened = min(self._opened, now)
-        if state in (READY, BUSY):
+        if state in (NodeState.READY, NodeState.BUSY):
             self.worked.add(pid)
         away = role in CONSUMERS and run_id != self._run_id
         (self._away.add if away else self._away.discard)(pid)
-        if away or (state == STARTING and run_id):
+        if away or (state == NodeState.STARTING and run_id):
             self._starting.setdefault(pid, (role, now))
         else:
             self._starting.pop(pid, None)

@@ -15,6 +15,7 @@ from mcap.records import Metadata
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import ReceiptKind
 from bow_sweep.record.bag import METADATA, BagError, BagMessage, bag_files, label
 from bow_sweep.record.expected import Expected
 from bow_sweep.record.mcap_reader import Scan
@@ -200,7 +201,7 @@ class Survey:
             whole, verdict = self.chunk_checksum(key), self.verdicts[key]
             if verdict.chunk_checksum != whole:
                 return f"chunk {chunk}: its verdicts are on other streams"
-            for kind, checksum in ((cdr.RECEIPT_STREAMS, whole), (cdr.RECEIPT_VERDICTS, verdict.checksum)):
+            for kind, checksum in ((ReceiptKind.STREAMS, whole), (ReceiptKind.VERDICTS, verdict.checksum)):
                 if checksum not in self.receipts.get((kind, *key), ()):
                     return f"chunk {chunk}: no receipt"
         return ""

@@ -10,7 +10,8 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from bow_sim.protocol.cdr import RECEIPT_STREAMS, RECEIPT_VERDICTS, chunk_checksum
+from bow_sim.protocol.cdr import chunk_checksum
+from bow_sim.protocol.states import ReceiptKind
 
 BRIDGE_FORCE, STICK_SLIP, VERDICTS = "bridge_force", "stick_slip", "verdicts"
 
@@ -81,12 +82,12 @@ class Inventory:
             if stored[block, chunk] != checksum:
                 self.contradictions[topic, block, chunk] += 1
         if topic == VERDICTS:
-            return new, Answer(RECEIPT_VERDICTS, block, chunk, attempt, stored[block, chunk])
+            return new, Answer(ReceiptKind.VERDICTS, block, chunk, attempt, stored[block, chunk])
         both = self._halves.get((block, chunk, attempt), topic) != topic
         whole = self.chunk_checksum(block, chunk)
         if whole is not None and (both or new):
             self._halves.pop((block, chunk, attempt), None)
-            return new, Answer(RECEIPT_STREAMS, block, chunk, attempt, whole)
+            return new, Answer(ReceiptKind.STREAMS, block, chunk, attempt, whole)
         self._halves[block, chunk, attempt] = topic
         if len(self._halves) > MAX_HALVES:
             del self._halves[next(iter(self._halves))]

@@ -15,12 +15,6 @@ from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
 from bow_sim.protocol.sweep_spec import split
 
-OPEN, CLOSED = 1, 2
-"""Plan.state."""
-
-DONE, QUARANTINED = 1, 2
-"""Values of Plan.block_states; 0 is outstanding."""
-
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
 
 

@@ -23,8 +23,9 @@ from bow_sim.graph.node_base import STREAM, BowNode, RCLError, live
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
+from bow_sim.protocol.states import PlanState
 from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.expected import CLOSED, OPEN, Expected
+from bow_sweep.record.expected import Expected
 from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Qos, Topic
@@ -166,7 +167,7 @@ class RecorderNode(BowNode):
         self._waiting = None
         if (plan["run_id"], plan["epoch"]) == self._done_with:
             self._authority.release()
-            self.health.ignored += plan["state"] == OPEN
+            self.health.ignored += plan["state"] == PlanState.OPEN
             return
         self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
         self._open()
@@ -186,7 +187,7 @@ class RecorderNode(BowNode):
         try:
             Expected.of(plan)  # before its run_id names a directory
             directory = self._run_dir or self._runs_dir / run
-            if plan["state"] == CLOSED and not (directory / FOLDER).is_dir():
+            if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # over before we came
             session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)

@@ -19,10 +19,11 @@ import numpy as np
 from bow_sim.atomic_files import sync_directory
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sweep.record.bag import FOLDER, BagError, BagWriter
 from bow_sweep.record.deduplication import Answer, Inventory
 from bow_sweep.record.disk import DiskSync
-from bow_sweep.record.expected import CLOSED, Expected
+from bow_sweep.record.expected import Expected
 from bow_sweep.record.inspection import Inspection
 from bow_sweep.record.notes import HOW, note
 from bow_sweep.record.recover import locked, repair
@@ -131,8 +132,8 @@ class Session:
             self.inventory.restore(topic, {key: place.checksum for key, place in places.items()})
         self.inventory.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
         self._on_disk = {block: attempt for block, attempt in survey.attempts.items() if self._is_whole(block)}
-        unsaid = [block for block in self._on_disk if (cdr.RECEIPT_BLOCK, block, 0) not in survey.receipts]
-        self._answers = [Answer(cdr.RECEIPT_BLOCK, n, 0, self._on_disk[n], 0) for n in sorted(unsaid)]
+        unsaid = [block for block in self._on_disk if (ReceiptKind.BLOCK, block, 0) not in survey.receipts]
+        self._answers = [Answer(ReceiptKind.BLOCK, n, 0, self._on_disk[n], 0) for n in sorted(unsaid)]
 
     def _is_whole(self, block: int) -> bool:
         return self.inventory.count(block) == len(STORED_ONCE) * self.expected.chunks
@@ -140,7 +141,7 @@ class Session:
     @property
     def closed(self) -> bool:
         """Whether the latest plan says that nothing more will come."""
-        return bool(self.last_plan.get("state") == CLOSED)
+        return bool(self.last_plan.get("state") == PlanState.CLOSED)
 
     @property
     def full(self) -> bool:
@@ -197,7 +198,7 @@ class Session:
         if answer is not None:
             self._answers.append(answer)
             if block in self._on_disk and chunk == self.expected.chunks - 1:
-                self._answers.append(Answer(cdr.RECEIPT_BLOCK, block, 0, attempt, 0))
+                self._answers.append(Answer(ReceiptKind.BLOCK, block, 0, attempt, 0))
         if new and self._is_whole(block):
             self._whole[block] = attempt
         return new
@@ -224,7 +225,7 @@ class Session:
         whole, self._whole = self._whole, {}
         on_disk = whole if self._disk is None else self._disk.done()
         self._on_disk.update(on_disk)
-        self._answers += [Answer(cdr.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
+        self._answers += [Answer(ReceiptKind.BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
         if self._answers:
             message = self._receipt(self._answers)
             self._answers = []
@@ -238,7 +239,7 @@ class Session:
         """Answer again for blocks on the disk that the plan still calls outstanding: a receipt may have got lost."""
         outstanding = np.flatnonzero(np.asarray(self.last_plan["block_states"]) == 0).tolist()
         again = {block: self._on_disk[block] for block in outstanding if block in self._on_disk}
-        self._answers += [Answer(cdr.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in again.items()]
+        self._answers += [Answer(ReceiptKind.BLOCK, block, 0, attempt, 0) for block, attempt in again.items()]
 
     def empty_receipt(self) -> bytes:
         """Return a receipt for nothing: it shows that receipts arrive, and is not recorded."""

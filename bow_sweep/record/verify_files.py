@@ -15,12 +15,13 @@ from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.atomic_files import read_arrays
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sim.protocol.states import BlockState
 from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays
 from bow_sweep.maps.plane import PENDING
 from bow_sweep.maps.playability import playability
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.expected import DONE, QUARANTINED, Expected
+from bow_sweep.record.expected import Expected
 from bow_sweep.run.directory import LEDGER, REPORT, findings
 
 if TYPE_CHECKING:
@@ -35,8 +36,8 @@ ALIKE = 1e-9
 _TESTED = {*TESTS, *HISTORY, *DERIVED}
 """Arrays of the map that say something of unfinished cells too, whatever was known of them."""
 
-_EVENTS = {"done": DONE, "quarantined": QUARANTINED, "reopened": 0}
-_STATES = {0: "outstanding", DONE: "done", QUARANTINED: "quarantined"}
+_EVENTS = {"done": BlockState.DONE, "quarantined": BlockState.QUARANTINED, "reopened": 0}
+_STATES = {0: "outstanding", BlockState.DONE: "done", BlockState.QUARANTINED: "quarantined"}
 
 
 def transient_lengths(passed: np.ndarray) -> np.ndarray:

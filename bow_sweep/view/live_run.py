@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from bow_sim.protocol.states import PlanState
 from bow_sweep.maps.plane import NOT_COMPUTED, Snapshot
 from bow_sweep.maps.playability import playability
 from bow_sweep.maps.terrain import terrain
@@ -18,9 +19,6 @@ from bow_sweep.view.rerun_recording import Board
 from bow_sweep.view.status_page import Node, is_complete, page, playability_page, settled
 
 FILE = "dashboard.rrd"
-
-OPEN, CLOSED = 1, 2
-"""Plan.state."""
 
 ACCOUNT_S = 1.0
 """Accounts are written at most so often."""
@@ -109,7 +107,7 @@ class Show:
             self.ignored += 1
             return
         self._plan = plan
-        if plan["state"] == CLOSED and self._closing is None:
+        if plan["state"] == PlanState.CLOSED and self._closing is None:
             self._closing = self._clock()
 
     def map(self, values: Mapping[str, Any]) -> None:
@@ -176,7 +174,7 @@ class Show:
     def finish(self, nodes: Iterable[Node]) -> None:
         """Draw what is left and finish the file. A server goes on until :meth:`close`."""
         self._draw(self._next or self.board.snapshot)
-        self._account(nodes, "finished" if self._plan["state"] == CLOSED else "interrupted")
+        self._account(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
         self._terrain()
         self.board.finish()
 

@@ -11,17 +11,15 @@ import numpy as np
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState, NodeState
 from bow_sweep.maps.plane import MODEL_NAMES, Snapshot, regime_label
 from bow_sweep.maps.playability import MEASURES
 
+STATES = {int(state): state.name.lower() for state in NodeState}
+USUAL_STATES = ("starting", "ready", "busy", "closed")
+
 SILENT_S = 5.0
 """A node that should say every second how it is, and has not for so long, is called silent."""
-
-STATES = ("starting", "ready", "busy", "closed", "dead", "failed")
-"""Health.state in words."""
-
-DONE, QUARANTINED = 1, 2
-"""Values of Plan.block_states."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ def settled(
             return snapshot
     else:
         sizes, planned = np.minimum(size, cells - size * np.arange(states.size)).clip(0), cells
-    done, quarantined = (int(sizes[states == state].sum()) for state in (DONE, QUARANTINED))
+    done, quarantined = (int(sizes[states == state].sum()) for state in (BlockState.DONE, BlockState.QUARANTINED))
     return replace(snapshot, done=done, quarantined=quarantined, outstanding=planned - done - quarantined)
 
 
@@ -161,14 +159,13 @@ def _regimes(snapshot: Snapshot) -> list[str]:
 def _nodes(nodes: Iterable[Node], now: float) -> list[str]:
     rows = []
     for node in sorted(nodes, key=lambda node: (node.role, node.name)):
-        state = STATES[node.state] if node.state < len(STATES) else str(node.state)
+        state = STATES.get(node.state, str(node.state))
         silent = now - node.heard
         if silent > SILENT_S and state not in ("closed", "dead", "failed"):
             state = f"silent for {silent:.0f} s"
         counts = (node.messages, f"{node.bytes / 1e6:.1f}", node.ignored, f"{node.rss / 1e6:.0f}")
-        rows.append(
-            (node.name.rpartition("/")[2], f"**{state}**" if state not in STATES[:4] else state, node.detail, *counts)
-        )
+        shown = state if state in USUAL_STATES else f"**{state}**"
+        rows.append((node.name.rpartition("/")[2], shown, node.detail, *counts))
     head = ("node", "state", "", "messages", "MB", "ignored", "memory MB")
     return _table(head, rows, numbers_from=3) if rows else ["No node has been heard of."]
 

@@ -24,11 +24,10 @@ from bow_sim.kernel.block import Block
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
-from bow_sim.protocol.neighbours import BUSY
+from bow_sim.protocol.states import BlockState, NodeState, PlanState
 from bow_sweep.coordinator.results import load_basin, map_of, playability_of
 from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.expected import CLOSED, DONE, OPEN, QUARANTINED
 from bow_sweep.record.session import Session
 from bow_sweep.record.topics import STORED_ONCE, TOPICS
 from bow_sweep.run.directory import Run
@@ -60,7 +59,7 @@ class Chunk:
 
 def plan(
     sweep: Sweep,
-    state: int = OPEN,
+    state: int = PlanState.OPEN,
     epoch: int = 1,
     states: Any = None,
     run: str = RUN,
@@ -134,7 +133,7 @@ def session(directory: Path, sweep: Sweep, epoch: int = 1) -> Session:
 
 def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:
     """Close a session with a plan on which every block is done."""
-    data = plan(sweep, CLOSED, epoch, np.full(sweep.blocks, DONE, np.uint8))
+    data = plan(sweep, PlanState.CLOSED, epoch, np.full(sweep.blocks, BlockState.DONE, np.uint8))
     open_session.plan(cdr.decode("Plan", data), data, time.time_ns())
     open_session.close(time.time_ns())
 
@@ -212,7 +211,7 @@ class Graph:
     def publish(self, topic: str, data: bytes) -> None:
         if topic == "plan":  # as its coordinator, which is there and works for the run
             plan = {**cdr.decode("Plan", data), "incarnation": self.node.incarnation}
-            self.node.become(BUSY, "", plan["run_id"])
+            self.node.become(NodeState.BUSY, "", plan["run_id"])
             data = cdr.encode("Plan", plan)
         self.publishers[topic].publish(data)
 
@@ -305,7 +304,7 @@ def quarantined_run(run: Path) -> None:
         head = cdr.decode_head(STORED_ONCE[topic], data)
         if head["block"] != 1 or head["chunk"] == 0:
             made.take(topic, data, time.time_ns())
-    states = np.array([DONE, QUARANTINED, DONE], np.uint8)
-    message = plan(sweep, CLOSED, states=states)
+    states = np.array([BlockState.DONE, BlockState.QUARANTINED, BlockState.DONE], np.uint8)
+    message = plan(sweep, PlanState.CLOSED, states=states)
     made.plan(cdr.decode("Plan", message), message, time.time_ns())
     made.close(time.time_ns())

@@ -10,7 +10,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from bow_sim.protocol.neighbours import BUSY, CLOSED, DEAD, LEFT, READY, SILENT_S, STARTING
+from bow_sim.protocol.neighbours import LEFT, SILENT_S
+from bow_sim.protocol.states import NodeState
 from bow_sweep.coordinator.simulator_pool import FIRST_PAUSE_S, TAKEN_S, Pool
 from bow_sweep.run.ledger import (
     Dispatch,
@@ -30,7 +31,7 @@ RUN, NAME = "r" * 16, "/bow/simulator_1"
 
 
 def health(
-    state: int = READY, held: list[tuple[int, int]] | None = None, refused: list | None = None, **changes: Any
+    state: int = NodeState.READY, held: list[tuple[int, int]] | None = None, refused: list | None = None, **changes: Any
 ) -> Any:
     values = {
         "node": NAME,
@@ -74,7 +75,7 @@ def world() -> World:
 
 def test_a_simulator_joins_when_it_is_ready_and_says_that_blocks_arrive() -> None:
     world = World()
-    for changes in ({"hears_us": False}, {"state": STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
+    for changes in ({"hears_us": False}, {"state": NodeState.STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
         world.hear(0.0, **changes)  # type: ignore[arg-type]
         world.pool.look(0.0, may_join=True)
         assert world.take() == []
@@ -89,7 +90,7 @@ def test_what_was_held_and_is_no_longer_has_ended(world: World) -> None:
     assert world.pool.send(NAME, 4, 1, 0.0) == "1" * 16
     world.hear(0.1)
     assert world.take() == []
-    world.hear(0.2, state=BUSY, held=[(4, 1)])
+    world.hear(0.2, state=NodeState.BUSY, held=[(4, 1)])
     assert world.take() == []
     world.hear(0.3)
     assert world.take() == [Finished(NAME, 4, 1)]
@@ -113,10 +114,10 @@ def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(w
 
 
 def test_only_its_own_supervisor_or_a_long_silence_makes_a_simulator_dead(world: World) -> None:
-    world.hear(1.0, state=DEAD, incarnation="", pid=8)
-    world.hear(1.0, state=CLOSED, detail=LEFT, incarnation="2" * 16)
+    world.hear(1.0, state=NodeState.DEAD, incarnation="", pid=8)
+    world.hear(1.0, state=NodeState.CLOSED, detail=LEFT, incarnation="2" * 16)
     assert world.take() == []
-    world.hear(1.0, state=DEAD, incarnation="", detail="killed")
+    world.hear(1.0, state=NodeState.DEAD, incarnation="", detail="killed")
     assert world.take() == [SimulatorLost(NAME, "killed", blame=True)]
     world.hear(2.0)
     world.pool.look(2.0, may_join=True)
@@ -179,7 +180,7 @@ class Sweeps(RuleBasedStateMachine):
 
     def beat(self, name: str, **changes: Any) -> None:
         incarnation, held = self.living[name]
-        state = BUSY if held else READY
+        state = NodeState.BUSY if held else NodeState.READY
         message = health(state, held, node=name, incarnation=incarnation, **changes)
         self.pool.on_health(message, RUN, True, self.now)
 
@@ -233,7 +234,7 @@ class Sweeps(RuleBasedStateMachine):
     @rule(name=names, said=st.booleans())
     def die(self, name: str, said: bool) -> None:
         if name in self.living:
-            message = health(DEAD, node=name, incarnation="")
+            message = health(NodeState.DEAD, node=name, incarnation="")
             del self.living[name]
             if said:
                 self.pool.on_health(message, RUN, True, self.now)

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from bow_sim.protocol.neighbours import BUSY, READY, STARTING
+from bow_sim.protocol.states import NodeState
 from bow_sweep.processes.waiting import AFTER_STOP_S, STALL_S, STUCK_S, UNHEARD_S, Usage, Waiting, usage
 
 RUN = "a" * 16
@@ -40,18 +40,18 @@ def test_who_is_not_heard_by_the_others_is_named_once_consumers_first(machine: M
     def says(pid: int, role: str, state: int, now: float, run: str = RUN) -> None:
         waiting.hear(pid, role, state, run, now)
 
-    says(9, "coordinator", BUSY, 0)
-    says(1, "recorder", STARTING, 0)
-    says(2, "simulator", STARTING, 0)
-    says(3, "classifier", STARTING, 0)
-    says(4, "simulator", STARTING, 0, run="")  # waits for a plan
-    says(1, "recorder", STARTING, STUCK_S)
-    says(3, "classifier", BUSY, 1)
+    says(9, "coordinator", NodeState.BUSY, 0)
+    says(1, "recorder", NodeState.STARTING, 0)
+    says(2, "simulator", NodeState.STARTING, 0)
+    says(3, "classifier", NodeState.STARTING, 0)
+    says(4, "simulator", NodeState.STARTING, 0, run="")  # waits for a plan
+    says(1, "recorder", NodeState.STARTING, STUCK_S)
+    says(3, "classifier", NodeState.BUSY, 1)
     assert waiting.stuck(STUCK_S) == set()
     assert waiting.stuck(STUCK_S + 1) == {1}
     assert waiting.stuck(STUCK_S + 1) == set()
-    says(5, "recorder", STARTING, STUCK_S + 2)
-    says(5, "recorder", BUSY, STUCK_S + 3)
+    says(5, "recorder", NodeState.STARTING, STUCK_S + 2)
+    says(5, "recorder", NodeState.BUSY, STUCK_S + 3)
     assert waiting.stuck(2 * STUCK_S + 1) == set()
     assert waiting.stuck(2 * STUCK_S + 2) == {2}
     assert waiting.stuck(3 * STUCK_S + 3) == set()
@@ -61,13 +61,13 @@ def test_who_is_not_heard_by_the_others_is_named_once_consumers_first(machine: M
 def test_a_consumer_that_has_not_taken_up_the_run_is_blamed_before_those_who_wait_for_it(machine: Machine) -> None:
     waiting = Waiting(RUN, machine.look)
     for pid, role in ((1, "classifier"), (2, "simulator")):
-        waiting.hear(pid, role, STARTING, RUN, 0)
-    waiting.hear(3, "recorder", READY, "", 0)
+        waiting.hear(pid, role, NodeState.STARTING, RUN, 0)
+    waiting.hear(3, "recorder", NodeState.READY, "", 0)
     assert waiting.stuck(100) == set()  # the coordinator reads a bag, say, before it opens the run
-    waiting.hear(9, "coordinator", STARTING, RUN, 100)
+    waiting.hear(9, "coordinator", NodeState.STARTING, RUN, 100)
     assert waiting.stuck(100 + STUCK_S) == set()
     assert waiting.stuck(101 + STUCK_S) == {3}
-    waiting.hear(4, "recorder", BUSY, RUN, 110)
+    waiting.hear(4, "recorder", NodeState.BUSY, RUN, 110)
     assert waiting.stuck(102 + 2 * STUCK_S) == {1}
 
 
@@ -81,9 +81,9 @@ def unheard_after(waiting: Waiting, pids: set[int], start: int, end: int) -> set
 
 def test_a_process_that_is_not_heard_and_does_not_compute_is_named(machine: Machine) -> None:
     waiting = Waiting(RUN, machine.look)
-    waiting.hear(1, "recorder", BUSY, RUN, 0.0)
+    waiting.hear(1, "recorder", NodeState.BUSY, RUN, 0.0)
     assert unheard_after(waiting, {1, 2}, 0, int(UNHEARD_S)) == set()
-    waiting.hear(1, "recorder", BUSY, RUN, UNHEARD_S)
+    waiting.hear(1, "recorder", NodeState.BUSY, RUN, UNHEARD_S)
     assert unheard_after(waiting, {1, 2}, int(UNHEARD_S), int(UNHEARD_S) + 3) == {2}
 
 
@@ -100,8 +100,8 @@ def test_a_process_that_computes_or_reads_is_still_starting(machine: Machine) ->
 
 def test_a_process_that_is_busy_has_longer_to_get_to_work(machine: Machine) -> None:
     waiting = Waiting(RUN, machine.look)
-    waiting.hear(9, "coordinator", BUSY, RUN, 0)
-    waiting.hear(1, "recorder", STARTING, RUN, 0)
+    waiting.hear(9, "coordinator", NodeState.BUSY, RUN, 0)
+    waiting.hear(1, "recorder", NodeState.STARTING, RUN, 0)
     machine.starved = {1}
     for now in range(60):
         waiting.unheard({1}, float(now))
@@ -112,7 +112,7 @@ def test_a_process_that_is_busy_has_longer_to_get_to_work(machine: Machine) -> N
 
 def test_time_in_which_a_process_is_stopped_does_not_count(machine: Machine) -> None:
     waiting = Waiting(RUN, machine.look)
-    waiting.hear(1, "recorder", STARTING, RUN, 0.0)
+    waiting.hear(1, "recorder", NodeState.STARTING, RUN, 0.0)
     waiting.advance("half", 0.0)
     machine.stopped = {2}
     for now in range(1000):
@@ -120,7 +120,7 @@ def test_time_in_which_a_process_is_stopped_does_not_count(machine: Machine) -> 
     machine.stopped = set()
     assert waiting.hold({1, 2}, 1000.0) == set()
     assert waiting.stuck(1000.0) == set()
-    waiting.hear(9, "coordinator", STARTING, RUN, 1000.0)
+    waiting.hear(9, "coordinator", NodeState.STARTING, RUN, 1000.0)
     assert waiting.stuck(1000.0 + AFTER_STOP_S) == set()
     assert waiting.stuck(1001.0 + AFTER_STOP_S) == {1}  # all have long started
     assert waiting.unheard({1, 2}, 1000.0) == set()
@@ -130,7 +130,7 @@ def test_a_sweep_without_progress_is_given_up_in_the_end(machine: Machine) -> No
     waiting = Waiting(RUN, machine.look)
     waiting.advance(0, 0.0)
     assert not waiting.is_stalled(10 * STALL_S)  # the coordinator reads a bag, say
-    waiting.hear(9, "coordinator", BUSY, RUN, 10.0)
+    waiting.hear(9, "coordinator", NodeState.BUSY, RUN, 10.0)
     waiting.advance(5, 10.0)
     waiting.advance(5, 10.0 + STALL_S)
     assert not waiting.is_stalled(10.0 + STALL_S)

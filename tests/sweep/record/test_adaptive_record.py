@@ -11,8 +11,9 @@ import recording
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState, PlanState
 from bow_sweep.maps.basin_map import Basin
-from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED, Expected
+from bow_sweep.record.expected import Expected
 from bow_sweep.record.replay import load_verdicts, replay
 from bow_sweep.record.session import Session
 from bow_sweep.record.verify import verify
@@ -53,9 +54,9 @@ def record(directory, *, change=None, given_up=()):
             break
         done, blocks = blocks.count, more if change is None else change(blocks, more)
         announce(session, blocks)
-    states = np.full(blocks.count, DONE, np.uint8)
-    states[list(given_up)] = QUARANTINED
-    announce(session, blocks, CLOSED, states)
+    states = np.full(blocks.count, BlockState.DONE, np.uint8)
+    states[list(given_up)] = BlockState.QUARANTINED
+    announce(session, blocks, PlanState.CLOSED, states)
     session.close(time.time_ns())
     assert not session.complaints
     return blocks
@@ -117,7 +118,7 @@ def test_a_plan_that_takes_rounds_back_is_ignored_and_named(tmp_path):
     blocks = first.grown(np.flatnonzero(~first.planned)[:3])
     session = recording.session(tmp_path / "run", SWEEP)
     announce(session, blocks)
-    announce(session, first, CLOSED)
+    announce(session, first, PlanState.CLOSED)
     assert not session.closed
     assert "known and more" in next(iter(session.complaints))
     session.abandon()
@@ -135,7 +136,7 @@ def test_a_recorder_that_is_started_again_knows_the_rounds_from_the_latest_plan(
     take(again, blocks, range(blocks.count))
     assert len(again.inventory) == 3 * SWEEP.chunks * blocks.count
     assert again.inventory.duplicates == 3 * SWEEP.chunks * first.count
-    announce(again, blocks, CLOSED, np.full(blocks.count, DONE, np.uint8))
+    announce(again, blocks, PlanState.CLOSED, np.full(blocks.count, BlockState.DONE, np.uint8))
     again.close(time.time_ns())
     assert verify(tmp_path / "run")["ok"]
 

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sweep.record.bag import BagError, bag_files, messages
-from bow_sweep.record.expected import CLOSED, Expected
+from bow_sweep.record.expected import Expected
 from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE
@@ -52,13 +53,13 @@ def test_a_block_on_the_disk_is_receipted_again_until_the_plan_says_that_it_is_d
             take(session, topic, data)
     said = []
     deadline = time.monotonic() + 20
-    while (cdr.RECEIPT_BLOCK, 1, 0, 1, 0) not in said:
+    while (ReceiptKind.BLOCK, 1, 0, 1, 0) not in said:
         assert time.monotonic() < deadline
         if message := session.commit(time.time_ns()):
             said += receipts(message)
     assert session.commit(time.time_ns()) is None
     session.say_again()
-    assert receipts(session.commit(time.time_ns())) == [(cdr.RECEIPT_BLOCK, 1, 0, 1, 0)]
+    assert receipts(session.commit(time.time_ns())) == [(ReceiptKind.BLOCK, 1, 0, 1, 0)]
     data = recording.plan(SWEEP, states=np.array([0, 1, 0], np.uint8))
     session.plan(cdr.decode("Plan", data), data, time.time_ns())
     session.say_again()
@@ -250,7 +251,7 @@ def test_a_session_goes_on_in_the_next_file_and_knows_what_is_stored(tmp_path):
 def test_a_run_that_is_closed_stays_closed_until_it_is_opened_again(tmp_path):
     run = tmp_path / "run"
     recording.record(run, SWEEP)
-    closing = recording.plan(SWEEP, CLOSED)
+    closing = recording.plan(SWEEP, PlanState.CLOSED)
     with pytest.raises(AlreadyClosedError):
         Session(run, cdr.decode("Plan", closing), closing, recording.NAMES, "7" * 16, 0)
     again = recording.session(run, SWEEP, epoch=2)
