@@ -1,7 +1,7 @@
 """What a stranger can hand to this package, and what must come of it: each target takes chance and makes one case.
 
 A case passes where the answer is right or a clear refusal; whatever else is raised, is a bug. Chance is a
-:class:`random.Random`: Hypothesis brings its own and shrinks, ``python -m bench.fuzz`` brings seeds.
+:class:`random.Random`: Hypothesis brings its own and shrinks, ``python tests/stress/fuzz.py`` brings seeds.
 """
 
 from __future__ import annotations
