@@ -129,8 +129,8 @@ def conduct(
 
 def _load_compiled(sweep: Sweep) -> None:
     """Load the kernel and the tests, or compile them where they never were: processes copied from here have them."""
-    from bow_classifier.precompile import warm
+    from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
 
     Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
-    warm()
+    precompile()
