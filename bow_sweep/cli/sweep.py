@@ -3,65 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import json
 import os
 import shlex
-import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bow_sim.graph import discovery, environment
+from bow_sim.graph import discovery
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sim.protocol.identity import random_id
+from bow_sweep.cli.settings import SET_HELP
+from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
+from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.plan.sweep import Sweep, presets
-from bow_sweep.run.campaign import FILE, Campaign, campaigns, report
+from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, QUARANTINED, USAGE
+from bow_sweep.run.campaign import FILE, Campaign, campaigns
 from bow_sweep.view.wanted import Wanted, WantedError, wanted
 
 if TYPE_CHECKING:
     from bow_sweep.processes.new_directory import Claim
-
-DONE, FAILED, USAGE, QUARANTINED, INTERRUPTED = 0, 1, 2, 3, 130
-"""Exit statuses."""
-
-
-def fail(message: str, status: int = USAGE) -> int:
-    """Say what is wrong and return the exit status."""
-    warn(message)
-    return status
-
-
-def warn(message: str) -> None:
-    """Say what people should know."""
-    with contextlib.suppress(OSError):  # nobody reads it
-        print(f"bow: {message}", file=sys.stderr)
-
-
-def settled() -> bool:
-    """Return whether a graph can start in this environment; says why not, or what is ignored."""
-    try:
-        ignored = environment.settle()
-    except environment.EnvironmentProblem as error:
-        fail(str(error))
-        return False
-    if ignored:
-        warn(ignored)
-    return True
-
-
-def tell(text: str) -> None:
-    """Print what there is to say of a finished sweep; where that cannot be, only words are lost."""
-    try:
-        print(text, flush=True)
-    except OSError as error:
-        environment.silence("stdout")
-        warn(f"the sweep is done, but standard output: {error.strerror}")
-
 
 MOST_A_CORE = 8
 """Simulators that start well on a core. More take each other's time until they hear each other, and compute no faster:
@@ -136,7 +99,6 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_sweep)
 
 
-SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a reflection function of your own"
 _SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive")}
 _SHORT = {**_SAME, "nx": "x.count", "ny": "y.count"}
 
@@ -157,7 +119,7 @@ def _sweep(args: argparse.Namespace) -> int:
 
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
-    if not settled():
+    if not environment_is_ready():
         return USAGE
     try:
         dashboard = wanted(args.view, args.port, args.no_dashboard)
@@ -207,10 +169,10 @@ def _sweep(args: argparse.Namespace) -> int:
     if status != DONE:
         return status
     if campaign:
-        return _conclude(campaign, directory, left_out)
-    nothing = "" if jobs else "nothing to do: every block of this run is done or quarantined\n\n"
-    tell(nothing + _summary(directory, left_out))
-    return QUARANTINED if _report(directory)["cells"]["quarantined"] else DONE
+        quarantined = print_campaign(campaign, directory, left_out)
+    else:
+        quarantined = print_run(directory, left_out, nothing_to_do=not jobs)
+    return QUARANTINED if quarantined else DONE
 
 
 def _resumed(directory: Path, locks: bool) -> dict[str, _Job]:
@@ -265,7 +227,7 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard:
             options = {"simulators": args.simulators, "dashboard": shown, "display": display}
             options |= {"sync": not args.no_sync, "lock": not args.no_lock}
             left_out += conduct(job.directory, job.run_id, job.sweep, resume=job.resume, **options)
-            if problem := _self_check(job, display.say):
+            if problem := self_check(job.directory, display.say, whole=job.resume):
                 display.stop()
                 held.release(*runs)
                 return fail(problem, FAILED)
@@ -280,114 +242,3 @@ def _run(args: argparse.Namespace, held: Claim, jobs: Sequence[_Job], dashboard:
     display.stop()
     held.release(*runs)
     return DONE
-
-
-SAID_S = 2.0
-"""A self-check that takes longer is mentioned."""
-
-
-def _self_check(job: _Job, say: Callable[[str], None]) -> str:
-    """Hold bag, ledger, map and report of a finished run against each other; return what does not agree, or "".
-
-    By index, without reading every byte; a run that was gone on with is read whole, as nobody knows what befell it.
-    """
-    from bow_sweep.record.verify import verify
-
-    began = time.monotonic()
-    result = verify(job.directory, judge=False, index=not job.resume)
-    took = time.monotonic() - began
-    if took > SAID_S:
-        say(f"checking bag, ledger, map and report took {took:.1f} s")
-    if result["ok"]:
-        return ""
-    lines = [
-        ", ".join(
-            [problem["what"], *(f"{name} {problem[name]}" for name in ("file", "block", "chunk") if name in problem)]
-        )
-        for problem in result["problems"][:SHOWN]
-    ]
-    run = shlex.quote(str(job.directory))
-    return (
-        f"the run does not hold, {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
-        f"all of them: bow verify {run}\nwhat is not whole is computed again by: bow sweep --resume {run}"
-    )
-
-
-SHOWN = 5
-"""Problems of a self-check on the screen."""
-
-
-def _conclude(campaign: Campaign, directory: Path, left_out: Sequence[Path] = ()) -> int:
-    """Report on a finished campaign, and draw the figure that it makes."""
-    from bow_sweep.cli.paper import draw_maps
-
-    found = report(directory, campaign)
-    drawn = False
-    if campaign.figure:
-        try:
-            draw_maps(campaign.figure, [directory / preset for preset in campaign.presets], directory / "maps.png")
-            drawn = True
-        except Exception as error:  # MapFileError: the settings make it another one; else as write_results
-            print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
-    tell("\n".join([campaign.title, *map(_left_out, left_out), ""]))
-    for preset, run in found["runs"].items():
-        length = run["median_transient_periods"]
-        tell(
-            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
-            + (f", median transient {length:g} periods" if length else "")
-        )
-    cells = found["cells"]
-    tell(
-        f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
-        f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
-        + ("  maps.png        all maps, to look at\n" if drawn else "")
-        + "  report.json     all accounts\n"
-        f"  {', '.join(campaign.presets)}: a run directory each\n\n"
-        f"check one: bow verify {shlex.quote(str(directory / campaign.presets[0]))}"
-    )
-    return QUARANTINED if cells["quarantined"] else DONE
-
-
-def _report(directory: Path) -> dict[str, Any]:
-    report: dict[str, Any] = json.loads((directory / "report.json").read_text())
-    return report
-
-
-FILES = {
-    "map.png": "the basin map, to look at",
-    "map.npz": "the same as arrays",
-    "dashboard.rrd": "rerun {path}",
-    "bag": "every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
-    "report.json": "accounts, versions, parameters",
-}
-"""What a run directory has for people; pictures may be missing."""
-
-
-def _left_out(log: Path) -> str:
-    return f"without {log.stem} to its end: see {log}"
-
-
-def _summary(directory: Path, left_out: Sequence[Path] = ()) -> str:
-    report = _report(directory)
-    cells = report["cells"]
-    regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in report["regimes"].items() if count)
-    predicted = report.get("cells_predicted", 0)
-    whole = f"the map, of which {predicted} cells are predicted" if predicted else "them"
-    lines = [
-        f"{cells['done']} of {cells['planned']} cells in {report['wall_seconds']:.1f} s; "
-        f"Helmholtz motion in {report['helmholtz_fraction']:.3f} of {whole}",
-        f"at the last test: {regimes}",
-        *map(_left_out, left_out),
-        "",
-        f"{directory}/",
-        *(
-            f"  {name + '/' * (directory / name).is_dir():15} {what.format(path=shlex.quote(str(directory / name)))}"
-            for name, what in FILES.items()
-            if (directory / name).exists()
-        ),
-        "",
-        f"check it: bow verify {shlex.quote(str(directory))}",
-    ]
-    for block, why in report["quarantined_blocks"].items():
-        lines.insert(2, f"QUARANTINED block {block}: {why}")
-    return "\n".join(lines)

@@ -1,5 +1,6 @@
 """The processes of a graph on this machine: started, watched, restarted, stopped.
 
+exit_status      exit statuses of the command
 roles            the module of each role
 fork             child processes: copies of this one, and commands
 interrupts       Ctrl-C and SIGTERM, noted and checked for
