@@ -2,6 +2,7 @@
 
 main          the parser of all commands
 sweep         `bow sweep`
+sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
 transient     `bow transient`
 verify        `bow verify`

@@ -28,10 +28,11 @@ def add_command(commands: Any) -> None:
 
 def _recover(args: argparse.Namespace) -> int:
     from bow_sweep.record.recover import recover
+    from bow_sweep.run.lock import LockError
 
     try:
         result = recover(args.directory, dry_run=args.dry_run, lock=not args.no_lock)
-    except (OSError, ValueError) as error:
+    except (LockError, OSError, ValueError) as error:
         return fail(str(error))
     print(json.dumps(result, indent=2))
     return DONE if result["ok"] else FAILED

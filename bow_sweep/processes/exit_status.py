@@ -1,4 +1,4 @@
-"""Exit statuses of the command `bow`, of its nodes and of their supervisor's children."""
+"""Exit statuses of the command `bow` and of its child processes."""
 
 DONE = 0
 FAILED = 1
