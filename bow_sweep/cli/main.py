@@ -45,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and words[0] in MODULES:  # argparse would take --help and --ros-args for its own
         return nodes.run_node(words[0], words[1:])
-    args = parser().parse_args(words)
     try:
+        args = parser().parse_args(words)
         status: int = args.run(args)
         sys.stdout.flush()
     except KeyboardInterrupt:

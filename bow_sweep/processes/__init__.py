@@ -8,6 +8,7 @@ shm_cleaner      removes the shared-memory files of processes that have exited
 supervisor       starts, restarts and stops the processes of a graph
 watchdog         which processes make no progress, and when that is too long
 supervisor_node  the node of `bow sweep` itself
+launch_arguments reads the arguments of the launch files
 progress         the progress of a sweep on stderr
 new_directory    the directory of a run: created, locked, released
 run_graph        a graph from its first process to the finished run directory
