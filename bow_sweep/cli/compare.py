@@ -8,11 +8,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-DONE, USAGE = 0, 2
+from bow_sweep.cli.terminal import fail
+from bow_sweep.processes.exit_status import DONE
 
 
 def add_command(commands: Any) -> None:
-    """Add the parser of `compare`; it has a default `run` that takes the arguments."""
+    """Add the parser of `compare`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "compare",
         help="hold runs against each other: terrain and playability",
@@ -40,11 +41,6 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_compare)
 
 
-def _fail(message: str) -> int:
-    print(f"bow: {message}", file=sys.stderr)
-    return USAGE
-
-
 def _compare(args: argparse.Namespace) -> int:
     from bow_sim.figures.page import FigureError, check_path
     from bow_sweep.maps.map_file import MapFileError
@@ -55,7 +51,7 @@ def _compare(args: argparse.Namespace) -> int:
             check_path(args.out)
         found = compare(args.runs)
     except (MapFileError, FigureError) as error:
-        return _fail(str(error))
+        return fail(str(error))
     if args.json:
         print(json.dumps(as_json(found), indent=2))
     else:
@@ -69,6 +65,6 @@ def _compare(args: argparse.Namespace) -> int:
         try:
             draw(found, args.out)
         except OSError as error:
-            return _fail(f"--out {args.out}: cannot be written: {error.strerror}")
+            return fail(f"--out {args.out}: cannot be written: {error.strerror}")
         print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
     return DONE

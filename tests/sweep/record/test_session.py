@@ -16,10 +16,10 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sweep.record.bag import BagError, bag_files, messages
 from bow_sweep.record.expected import Expected
-from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE
 from bow_sweep.record.verify import verify
+from bow_sweep.run.lock import LockedError
 
 SWEEP = recording.small_sweep()
 CHUNK = recording.chunks(SWEEP, 1)[2]

@@ -93,7 +93,7 @@ def test_two_processes_do_not_hold_the_same_run(tmp_path: Path) -> None:
     answers: multiprocessing.Queue[str] = context.Queue()
     process = context.Process(target=_try_lock, args=(str(tmp_path / "run"), answers))
     process.start()
-    assert "another coordinator is at work" in answers.get(timeout=60)
+    assert "at work on this run as its coordinator" in answers.get(timeout=60)
     process.join()
     run.close()
 
