@@ -17,7 +17,7 @@ IMPURE = {
     "bow_sim.node": {"rclpy", "bow_msgs"},
     "bow_sim.graph.node_base": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
-    "bow_sweep.coordinator.messages": {"rclpy", "bow_msgs"},
+    "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
     "bow_sweep.record.bag": {"mcap"},
     "bow_sweep.record.index_contents": {"mcap"},
