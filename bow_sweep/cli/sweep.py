@@ -19,7 +19,8 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sim.protocol.identity import random_id
-from bow_sweep.plan.sweep import Sweep, presets
+from bow_sweep.plan.presets import presets
+from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.campaign import FILE, Campaign, campaigns, report
 from bow_sweep.view.wanted import Wanted, WantedError, wanted
 
