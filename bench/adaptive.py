@@ -16,14 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.page import put
-from bow_sim.model import CHUNK_PERIODS
-from bow_sim.page import MUTED, style
-from bow_sweep.adaptive import fill, next_round, within_budget
-from bow_sweep.inprocess import compute
-from bow_sweep.papermaps import LAYOUT
-from bow_sweep.plan import Sweep
-from bow_sweep.view.layers import transient_colours
-from bow_sweep.view.sheet import Sheet
+from bow_sim.figures.page import MUTED, style
+from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.maps.in_process import compute
+from bow_sweep.paper.maps import LAYOUT
+from bow_sweep.plan.adaptive import fill, next_round, within_budget
+from bow_sweep.plan.sweep import Sweep
+from bow_sweep.view.colours import transient_colours
+from bow_sweep.view.figure_layout import Sheet
 
 ROOT = Path(__file__).resolve().parent.parent
 PANELS = {f"({letter})": (f"fig11{letter}", ()) for letter in LAYOUT}

@@ -18,18 +18,18 @@ from pathlib import Path
 import numpy as np
 
 from bench.page import put
-from bow_classifier.regimes import is_helmholtz
-from bow_sim.model import Parameters
-from bow_sim.page import MUTED, style
-from bow_sim.reflection import gaussian
-from bow_sweep.claims import REPORT
-from bow_sweep.claims_maps import CLAIMS
-from bow_sweep.inprocess import compute
-from bow_sweep.papermaps import LAYOUT
-from bow_sweep.plan import Sweep
-from bow_sweep.view.layers import transient_colours
-from bow_sweep.view.maps import MapFile
-from bow_sweep.view.sheet import Sheet, paint, percent
+from bow_classifier.verdict.regimes import is_helmholtz
+from bow_sim.figures.page import MUTED, style
+from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection import gaussian
+from bow_sweep.maps.in_process import compute
+from bow_sweep.maps.map_file import MapFile
+from bow_sweep.paper.claim import REPORT
+from bow_sweep.paper.claims_maps import CLAIMS
+from bow_sweep.paper.maps import LAYOUT
+from bow_sweep.plan.sweep import Sweep
+from bow_sweep.view.colours import transient_colours
+from bow_sweep.view.figure_layout import Sheet, paint, percent
 
 ROOT = Path(__file__).resolve().parent.parent
 STIFFNESS = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)

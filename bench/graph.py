@@ -27,9 +27,9 @@ from mcap.reader import make_reader
 
 from bench.processes import Watch
 from bench.standing import Client, standing_graph
-from bow_sim.kernel import Block
-from bow_sweep.plan import Sweep
-from bow_sweep.run import read_ledger
+from bow_sim.kernel.block import Block
+from bow_sweep.plan.sweep import Sweep
+from bow_sweep.run.directory import read_ledger
 
 PRESET = "fig11d"
 WIDTH, HEIGHT = 128, 64

@@ -14,15 +14,17 @@ import types
 import warnings
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "fuzz"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 import targets
 
-from bow_sim import taps, wire
-from bow_sweep import plan, run
-from bow_sweep.record import records, scan
+from bow_sim.physics import reflection_text
+from bow_sim.protocol import cdr
+from bow_sweep.plan import sweep
+from bow_sweep.record import mcap_reader, mcap_records
+from bow_sweep.run import directory
 
-READERS = (wire, scan, records, plan, run, taps)
+READERS = (cdr, mcap_reader, mcap_records, sweep, directory, reflection_text)
 """Modules whose coverage guides. Their functions are instrumented one by one: an import hook would upset Numba."""
 
 

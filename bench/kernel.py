@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.scalar import PlainLoop, check
-from bow_sim.identity import fingerprint
-from bow_sim.kernel import Block
-from bow_sim.model import DTYPES, Parameters
+from bow_sim.kernel.block import Block
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.parameters import DTYPES, Parameters
 
 LANES = 128
 REPEATS = 20

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests" / "graph"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 import graph as tests  # noqa: E402  # of tests/graph
 from test_storm import LONG, ROLES, strike  # noqa: E402

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim.identity import fingerprint
-from bow_sim.kernel import Block
-from bow_sweep.plan import Sweep
+from bow_sim.kernel.block import Block
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sweep.plan.sweep import Sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 LABELS = ROOT / "tests" / "data" / "labels.csv"

@@ -12,8 +12,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bow_sim.identity import fingerprint
-from bow_sweep.run import VERSIONS_OF
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sweep.run.directory import VERSIONS_OF
 
 ROOT = Path(__file__).resolve().parent.parent
 

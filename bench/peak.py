@@ -17,12 +17,12 @@ from numba import types
 from numba.core import cgutils
 
 from bench.kernel import CASES, measure_all, pinned
-from bow_sim.compiled import intrinsic, njit
-from bow_sim.loop import SIDES
-from bow_sim.model import DTYPES, Parameters
-from bow_sim.reflection import ends
-from bow_sim.simd import LANES as EIGHT
-from bow_sim.simd import LANES_OF, aligned, element_aligned, pointer, vector
+from bow_sim.kernel.time_loop import SIDES
+from bow_sim.physics.parameters import DTYPES, Parameters
+from bow_sim.physics.reflection import ends
+from bow_sim.simd.jit import intrinsic, njit
+from bow_sim.simd.lanes import LANES as EIGHT
+from bow_sim.simd.lanes import LANES_OF, aligned, element_aligned, pointer, vector
 
 CHAINS = (4, 8, 12, 16, 24)
 """Numbers of chains tried; the most that a machine does depends on how many registers it has."""
@@ -117,7 +117,8 @@ STEP = Count(
     add=2 + 3 + 1 + 5 + 1 + 4 + 1,  # the same two; v_h; D; friction; push; four waves; sum of slip speed
     sqrt=1,
 )
-"""What a step of the loop does beside the reflections: bow_sim/loop.py and bow_sim/friction.py, counted by hand.
+"""What a step of the loop does beside the reflections: bow_sim/kernel/time_loop.py and
+bow_sim/physics/friction.py, counted by hand.
 
 Comparisons, choices, loads, stores and the noting of slips are not in it."""
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim import friction, gesture
-from bow_sim.cells import cells
-from bow_sim.compiled import INLINE, njit
-from bow_sim.kernel import Block, ChunkResult
-from bow_sim.loop import SIDES
-from bow_sim.model import Parameters
+from bow_sim.kernel.block import Block, ChunkResult
+from bow_sim.kernel.time_loop import SIDES
+from bow_sim.physics import friction, gesture
+from bow_sim.physics.cells import cells
+from bow_sim.physics.parameters import Parameters
+from bow_sim.simd.jit import INLINE, njit
 
 
 @njit(**INLINE)
@@ -118,7 +118,7 @@ def simulate_cell(
 
 
 class PlainLoop:
-    """Cells as in `bow_sim.kernel.Block`, whole simulations, one at a time.
+    """Cells as in `bow_sim.kernel.block.Block`, whole simulations, one at a time.
 
     Only what all cells share decides the reflections: ``lanes`` may name bow force and its ratio, no more.
     """

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from bow_sim.reach import apply_defaults
+from bow_sim.graph.discovery import apply_defaults
 
 PATIENCE_S = 90.0
 ROLES = ("coordinator", "recorder", "dashboard", "classifier")

@@ -21,21 +21,21 @@ import numpy as np
 
 from bench.page import put
 from bench.terrain_maps import DATA, compute, write_data
-from bow_classifier import playability as play
-from bow_classifier import terrain as ground
-from bow_classifier.streaks import Alignment, alignment, contour_directions, streaks
-from bow_sim.figures_control import CONTOURS
-from bow_sim.identity import fingerprint
-from bow_sim.model import Parameters
-from bow_sim.page import save, style
-from bow_sweep import claims_terrain
-from bow_sweep.claims import Maps
-from bow_sweep.compare import text, value_and_error
-from bow_sweep.papermaps import LAYOUT
-from bow_sweep.view.layers import transient_colours
-from bow_sweep.view.maps import MapFile
-from bow_sweep.view.sheet import Sheet, paint
-from bow_sweep.view.terrain import comparison, terrain_figure
+from bow_sim.figures.control import CONTOURS
+from bow_sim.figures.page import save, style
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.parameters import Parameters
+from bow_sweep.maps import playability as play
+from bow_sweep.maps import terrain as ground
+from bow_sweep.maps.map_file import MapFile
+from bow_sweep.maps.streaks import Alignment, alignment, contour_directions, streaks
+from bow_sweep.paper import claims_terrain
+from bow_sweep.paper.claim import Maps
+from bow_sweep.paper.maps import LAYOUT
+from bow_sweep.view.colours import transient_colours
+from bow_sweep.view.compare import text, value_and_error
+from bow_sweep.view.figure_layout import Sheet, paint
+from bow_sweep.view.terrain_figures import comparison, terrain_figure
 
 ROOT = Path(__file__).resolve().parent.parent
 HELD_OUT = range(1000, 1040)
@@ -46,7 +46,7 @@ HELD_OUT = range(1000, 1040)
 
 def confusion(shape: tuple[int, int]) -> np.ndarray:
     """Cells of the held-out synthetic maps: (truth, found)."""
-    sys.path.insert(0, str(ROOT / "tests" / "classifier"))
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
     from terrains import example
 
     counts = np.zeros((len(ground.TERRAINS), len(ground.TERRAINS)), int)

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bow_classifier.judge import BlockJudge, Geometry
-from bow_classifier.thresholds import DEFAULT_PRESET, THRESHOLD_PRESETS, Thresholds
-from bow_sim.identity import fingerprint
-from bow_sim.kernel import Block
-from bow_sweep.basin import Basin
-from bow_sweep.inprocess import intervals_of
-from bow_sweep.papermaps import LAYOUT
-from bow_sweep.plan import Sweep
-from bow_sweep.view.maps import MapFile
+from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.verdict.thresholds import DEFAULT_PRESET, THRESHOLD_PRESETS, Thresholds
+from bow_sim.kernel.block import Block
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sweep.maps.basin_map import Basin
+from bow_sweep.maps.in_process import intervals_of
+from bow_sweep.maps.map_file import MapFile
+from bow_sweep.paper.maps import LAYOUT
+from bow_sweep.plan.sweep import Sweep
 
 DATA = Path(__file__).resolve().parent.parent / "tests" / "data" / "fig11.npz"
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.page import put
-from bow_sim.figures import FIGURES, figure
-from bow_sim.identity import fingerprint
-from bow_sim.page import save
-from bow_sweep.validate import validate
+from bow_sim.figures.catalogue import FIGURES, figure
+from bow_sim.figures.page import save
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sweep.paper.validate import validate
 
 ROOT = Path(__file__).resolve().parent.parent
 PIXELS_AN_INCH = 140  # small files

@@ -2,7 +2,8 @@
 
 Against records of known truth (tests/classifier/generator.py) and against simulated cells labelled by eye
 (tests/data/labels.csv), of which one half was for tuning; the other is only counted here. `--fit` fits the coefficients
-of the confidence to other records of the generator, writes them into bow_classifier/confidence.py, and does no more.
+of the confidence to other records of the generator, writes them into
+bow_classifier/verdict/confidence.py, and does no more.
 """
 
 from __future__ import annotations
@@ -21,19 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import verdicts_page as pages
-from bow_classifier.confidence import COEFFICIENTS, MARGINS
-from bow_classifier.judge import BlockJudge, Geometry
-from bow_classifier.regime import history
-from bow_classifier.regimes import REGIMES, count, is_helmholtz
-from bow_classifier.thresholds import Thresholds
-from bow_sim.kernel import Block
-from bow_sweep.claims_maps import CLAIMS
-from bow_sweep.inprocess import compute, intervals_of
-from bow_sweep.plan import Sweep
-from bow_sweep.view.maps import MapFile
+from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS
+from bow_classifier.verdict.decision import history
+from bow_classifier.verdict.regimes import REGIMES, count, is_helmholtz
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.kernel.block import Block
+from bow_sweep.maps.in_process import compute, intervals_of
+from bow_sweep.maps.map_file import MapFile
+from bow_sweep.paper.claims_maps import CLAIMS
+from bow_sweep.plan.sweep import Sweep
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests" / "classifier"))  # the generator is a test's, and measured with here
+sys.path.insert(0, str(ROOT / "tests" / "support"))  # the generator is a test's, and measured with here
 
 LABELS = ROOT / "tests" / "data" / "labels.csv"
 MAPS = tuple(f"fig11{letter}" for letter in "abcdef")

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.page import put
-from bow_classifier.regimes import DEFINITIONS, REGIMES
-from bow_classifier.thresholds import Thresholds
-from bow_sim.page import METADATA, style
+from bow_classifier.verdict.regimes import DEFINITIONS, REGIMES
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.figures.page import METADATA, style
 
 EDGES = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0 + 1e-9])
 """Bins of the confidence: finer where most of it lies."""

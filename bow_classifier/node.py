@@ -13,13 +13,12 @@ from functools import partial
 
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
-from bow_sim import wire
-from bow_sim.authority import Authority
-from bow_sim.neighbours import FIRST_HELLO_S, HELLO_S, Neighbour
-from bow_sim.ros import HEARD, STREAM, BowNode, RCLError, live
-
-from .stream import Classifier
-from .warm import warm
+from bow_classifier.precompile import warm
+from bow_classifier.stream import Classifier
+from bow_sim.graph.node_base import HEARD, STREAM, BowNode, RCLError, live
+from bow_sim.protocol import cdr
+from bow_sim.protocol.authority import Authority
+from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, Neighbour
 
 HELP = """
 usage: ros2 run bow classifier [--ros-args -r __ns:=/bow/RUN]
@@ -78,8 +77,8 @@ class ClassifierNode(BowNode):
     def _on_plan(self, data: bytes) -> None:
         classifier = self._classifier
         try:
-            why = self._authority.objection(wire.decode("Plan", data))
-        except wire.WireError as error:
+            why = self._authority.objection(cdr.decode("Plan", data))
+        except cdr.WireError as error:
             why = str(error)
         if why:
             classifier.complain(f"plan ignored: {why}")
@@ -108,12 +107,12 @@ class ClassifierNode(BowNode):
             return
         starting, now = self.health.state == Health.STARTING, self.awake.now()
         if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
-            self._send([wire.hello("Verdicts", self.incarnation)])
+            self._send([cdr.hello("Verdicts", self.incarnation)])
         if self.is_heard(READERS, task.run_id) and starting:
             self.become(Health.READY)
 
     def _on_stream(self, name: str, data: bytes) -> None:
-        sender = wire.hello_from(name, data)
+        sender = cdr.hello_from(name, data)
         if sender:
             self.heard(TOPICS[name], sender)
             return

@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_sim import wire
-from bow_sim.blocks import Blocks
-from bow_sim.model import ParameterError
-
-from .judge import BlockJudge
-from .slips import Intervals
-from .task import Task
+from bow_classifier.block_classifier import BlockJudge
+from bow_classifier.features.slips import Intervals
+from bow_classifier.task import Task
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sim.protocol.blocks import Blocks
 
 FORCE, SLIP = "BridgeForce", "StickSlip"
 """The two halves of a chunk."""
@@ -118,14 +117,14 @@ class Classifier:
         for block in self._settled & self._blocks.keys():
             del self._blocks[block]
 
-    def plan(self, data: wire.Buffer) -> None:
+    def plan(self, data: cdr.Buffer) -> None:
         """Take a Plan message: the sweep it opens or closes, and which blocks are settled.
 
         A plan of the sweep in progress with an older epoch comes from a coordinator that is no longer in charge.
         """
         try:
-            plan = wire.decode("Plan", data)
-        except wire.WireError as error:
+            plan = cdr.decode("Plan", data)
+        except cdr.WireError as error:
             self.complain(f"plan ignored: {error}")
             return
         name, epoch = (plan["run_id"], plan["sweep_id"], plan["classifier"]), plan["epoch"]
@@ -171,7 +170,7 @@ class Classifier:
             raise ParameterError(f"its {planned.count} blocks are not the {known.count} known ones and more")
         self.task = replace(self.task, planned=planned)
 
-    def take(self, name: str, data: wire.Buffer) -> list[bytes]:
+    def take(self, name: str, data: cdr.Buffer) -> list[bytes]:
         """Take one message of a stream; return the verdicts to publish, in order.
 
         Parameters
@@ -193,7 +192,7 @@ class Classifier:
                 return self._answer_again(name, values, block)
             self._hold(name, values, block)
             return self._judge_what_is_whole(values["block"], block)
-        except (wire.WireError, Refused) as error:
+        except (cdr.WireError, Refused) as error:
             self.complain(f"ignored: {error}")
             return []
 
@@ -207,7 +206,7 @@ class Classifier:
         speed, bridge = self.task.bow_speed(cells), self.task.bow_bridge(cells)
         return _Block(BlockJudge(self.task.geometry, self.task.thresholds, len(cells), speed, bridge))
 
-    def _check(self, name: str, data: wire.Buffer) -> tuple[dict[str, Any], np.ndarray]:
+    def _check(self, name: str, data: cdr.Buffer) -> tuple[dict[str, Any], np.ndarray]:
         """Return the fields of a message of this sweep, and the cells of its block.
 
         Raises
@@ -215,8 +214,8 @@ class Classifier:
         WireError, Refused
             Where it is not a message of this sweep.
         """
-        values = wire.unseal(name, data)
-        seen = wire.identity(values)
+        values = cdr.unseal(name, data)
+        seen = cdr.identity(values)
         where = f"{name} of block {seen.block}, chunk {seen.chunk}"
         if self.task is None:
             raise Refused(f"{where}: no sweep is open")
@@ -297,7 +296,7 @@ class Classifier:
             "block": block,
             "chunk": chunk,
             "incarnation": self.incarnation,
-            "chunk_checksum": wire.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
+            "chunk_checksum": cdr.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
             "classifier": self.task.thresholds.hash,
             "cells": self.task.block(block),
             **judgement,
@@ -306,4 +305,4 @@ class Classifier:
 
 
 def _verdicts(answer: _Answer, attempt: int) -> bytes:
-    return wire.encode("Verdicts", {**answer.values, "attempt": attempt})
+    return cdr.encode("Verdicts", {**answer.values, "attempt": attempt})

@@ -1,7 +1,7 @@
 """What the classifier must know of a sweep to judge it: read from the settings that the plan announces.
 
-The plan itself is downstream (:mod:`bow_sweep.plan`); here is only which cells are in which block, how fast and where
-each is bowed, and what is asked of them.
+The plan itself is downstream (:mod:`bow_sweep.plan.sweep`); here is only which cells are in which block, how fast and
+where each is bowed, and what is asked of them.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim.blocks import Blocks
-from bow_sim.limits import check_size
-from bow_sim.model import ParameterError, Parameters
-from bow_sim.spec import Spec, axis_values, split
-
-from .judge import Geometry
-from .thresholds import Thresholds
+from bow_classifier.block_classifier import Geometry
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.limits import check_size
+from bow_sim.protocol.sweep_spec import Spec, axis_values, split
 
 
 @dataclass(frozen=True, eq=False)

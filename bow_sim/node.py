@@ -20,15 +20,16 @@ from numpy.typing import NDArray
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.publisher import Publisher
 
-from . import wire
-from .authority import Authority
-from .credit import LIMIT, Window
-from .identity import fingerprint, random_id
-from .job import Job, prepare
-from .kernel import ChunkResult
-from .model import ParameterError
-from .neighbours import CONSUMERS, DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
-from .ros import HEARD, INSPECT, STREAM, WAVES, WORK, BowNode, RCLError, live
+from bow_sim.block_request import Job, prepare
+from bow_sim.graph.node_base import HEARD, INSPECT, STREAM, WAVES, WORK, BowNode, RCLError, live
+from bow_sim.kernel.block import ChunkResult
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sim.protocol.authority import Authority
+from bow_sim.protocol.flow_control import LIMIT, Window
+from bow_sim.protocol.identity import random_id
+from bow_sim.protocol.neighbours import CONSUMERS, DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
 
 HELP = """
 usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p credit:=8 -p inspect:=[0,77]]
@@ -137,12 +138,12 @@ class SimulatorNode(BowNode):
         now = time.monotonic()
         if self._run[0] and now - self._last_hello >= pause:
             self._last_hello = now
-            self._publish([wire.hello(name, self.incarnation) for name in ("BridgeForce", "StickSlip")])
+            self._publish([cdr.hello(name, self.incarnation) for name in ("BridgeForce", "StickSlip")])
 
     def _on_plan(self, data: bytes) -> None:
         try:
-            plan = wire.decode("Plan", data)
-        except wire.WireError:
+            plan = cdr.decode("Plan", data)
+        except cdr.WireError:
             self.health.ignored += 1
             return
         if self._authority.objection(plan):
@@ -174,8 +175,8 @@ class SimulatorNode(BowNode):
     def _on_receipts(self, data: bytes) -> None:
         """Take the recorder's answers, for chunks and for the verdicts on them: one message for many."""
         try:
-            receipt = wire.decode("Receipt", data)
-        except wire.WireError:
+            receipt = cdr.decode("Receipt", data)
+        except cdr.WireError:
             self.health.ignored += 1
             return
         self.heard("receipts", receipt["incarnation"])
@@ -189,8 +190,8 @@ class SimulatorNode(BowNode):
         now = time.monotonic()
         with self._lock:
             for block, chunk, kind in zip(blocks, chunks, kinds, strict=True):
-                if kind != wire.RECEIPT_BLOCK:
-                    judged = kind == wire.RECEIPT_VERDICTS
+                if kind != cdr.RECEIPT_BLOCK:
+                    judged = kind == cdr.RECEIPT_VERDICTS
                     self._window.answered((block, chunk), now, receipted=not judged, judged=judged)
             self._lock.notify_all()
 
@@ -198,8 +199,8 @@ class SimulatorNode(BowNode):
 
     def _on_block(self, data: bytes) -> None:
         try:
-            message = wire.decode("Block", data)
-        except wire.WireError:
+            message = cdr.decode("Block", data)
+        except cdr.WireError:
             self.health.ignored += 1
             return
         self.heard("blocks", message["coordinator"])
@@ -311,8 +312,8 @@ class SimulatorNode(BowNode):
             values = common | {"chunk": chunk, "samples": output.bridge_force.shape[1]}
             values["first_sample"] = chunk * values["samples"]
             messages = (
-                wire.encode("BridgeForce", values | {"data": output.bridge_force}),
-                wire.encode("StickSlip", values | {n: getattr(output, n) for n in wire.INTERVAL_FIELDS}),
+                cdr.encode("BridgeForce", values | {"data": output.bridge_force}),
+                cdr.encode("StickSlip", values | {n: getattr(output, n) for n in cdr.INTERVAL_FIELDS}),
             )
             self._await_credit(job)
             if self._void(job):
@@ -358,7 +359,7 @@ class SimulatorNode(BowNode):
         """Publish the bridge force of some cells of a chunk, by their rows, for people to look at."""
         shown = {"cells": values["cells"][rows], "data": output.bridge_force[rows]}
         with contextlib.suppress(RCLError):  # for people to look at: a lost one is no loss
-            self._inspect.publish(wire.encode("BridgeForce", {**values, **shown}))
+            self._inspect.publish(cdr.encode("BridgeForce", {**values, **shown}))
 
     def close(self) -> None:
         """Stop the worker; what it has not finished the coordinator gives to another."""

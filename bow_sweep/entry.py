@@ -15,11 +15,11 @@ from functools import partial
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 MODULES = {
-    "coordinator": "bow_sweep.coordinator",
+    "coordinator": "bow_sweep.coordinator.node",
     "simulator": "bow_sim.node",
     "classifier": "bow_classifier.node",
-    "recorder": "bow_sweep.record.recorder",
-    "dashboard": "bow_sweep.view.dashboard",
+    "recorder": "bow_sweep.record.node",
+    "dashboard": "bow_sweep.view.node",
 }
 """Role -> module with the node's main()."""
 

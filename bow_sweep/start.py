@@ -7,7 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-from bow_sim import environment
+from bow_sim.graph import environment
 
 INTERRUPTED = 130
 
@@ -25,7 +25,7 @@ def command() -> int:
     environment.prepare()
     import gc
 
-    from .cli import main
+    from bow_sweep.cli.main import main
 
     if signal.getsignal(signal.SIGINT) is _leave:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -27,7 +27,7 @@ def env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         (root / name).parent.mkdir(exist_ok=True)
         (root / name).write_text(name)
     (root / "requirements.txt").write_text("ros-jazzy-rclpy==7.1.6  # ROS\n./msg_defs\n.\n")
-    rooms = ("bow_sim/kernel.py", "bow_classifier/corners.py")
+    rooms = ("bow_sim/kernel/block.py", "bow_classifier/features/corners.py")
     for name in ("msg_defs/msg/Plan.msg", "resource/lib/node", "resource/lib/simulator", *rooms):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(name)
@@ -90,7 +90,7 @@ def test_uv_is_told_not_to_reuse_the_interfaces_of_before(env: ModuleType) -> No
 def test_an_edited_source_needs_no_set_up(env: ModuleType) -> None:
     env.sync(None, tests=False)
     env.commands.clear()
-    Path(env.ROOT, "bow_sim/kernel.py").write_text("SAMPLES = 139")
+    Path(env.ROOT, "bow_sim/kernel/block.py").write_text("SAMPLES = 139")
     env.sync(None, tests=False)
     assert env.commands == []
 
@@ -147,7 +147,7 @@ def test_the_environment_has_the_share_of_bow(env: ModuleType) -> None:
 
 
 def test_kernels_are_compiled_anew_only_after_an_edit(env: ModuleType) -> None:
-    Path(env.ROOT, "bow_sim/warm.py").write_text("")
+    Path(env.ROOT, "bow_sim/kernel/precompile.py").write_text("")
     record = env.sync(None, tests=False)
     env.commands.clear()
     env.warm(record)
@@ -155,7 +155,7 @@ def test_kernels_are_compiled_anew_only_after_an_edit(env: ModuleType) -> None:
     assert compiled
     env.warm(env.read_record())
     assert env.commands == compiled
-    Path(env.ROOT, "bow_sim/kernel.py").write_text("SAMPLES = 139")
+    Path(env.ROOT, "bow_sim/kernel/block.py").write_text("SAMPLES = 139")
     env.warm(env.read_record())
     assert env.commands == 2 * compiled
 

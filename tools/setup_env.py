@@ -147,11 +147,11 @@ def kernel_stamp():
     """What Numba's cache depends on: it compares a source file's time and size, and the processor's features."""
     files = []
     for room in ("bow_sim", "bow_classifier"):
-        folder = os.path.join(ROOT, room)
-        files += [os.path.join(folder, name) for name in sorted(os.listdir(folder)) if name.endswith(".py")]
+        found = [os.path.join(base, name) for base, _, names in os.walk(os.path.join(ROOT, room)) for name in names]
+        files += sorted(name for name in found if name.endswith(".py"))
     with open("/proc/cpuinfo") as file:
         processor = sorted({line for line in file if line.startswith(("flags", "model name"))})
-    times = [[os.path.basename(name), os.stat(name).st_mtime_ns, os.stat(name).st_size] for name in files]
+    times = [[os.path.relpath(name, ROOT), os.stat(name).st_mtime_ns, os.stat(name).st_size] for name in files]
     return hashlib.sha256(json.dumps([times, processor]).encode()).hexdigest()
 
 
@@ -291,14 +291,14 @@ def sync(uv, tests):
 
 def warm(record):
     """Compile the kernels once, here, and not in every simulator at the same time."""
-    if not os.path.exists(os.path.join(ROOT, "bow_sim", "warm.py")):
+    if not os.path.exists(os.path.join(ROOT, "bow_sim", "kernel", "precompile.py")):
         return
     stamp = kernel_stamp()
     if record.get("kernels") == stamp:
         say("reusing the compiled kernels")
         return
-    run([PYTHON, "-m", "bow_sim.warm"], "compiling the kernels")
-    run([PYTHON, "-m", "bow_classifier.warm"], "compiling the classifier")
+    run([PYTHON, "-m", "bow_sim.kernel.precompile"], "compiling the kernels")
+    run([PYTHON, "-m", "bow_classifier.precompile"], "compiling the classifier")
     # Seven processes start at every sweep: none shall compile its sources again, whatever the installer left out and
     # also where PYTHONDONTWRITEBYTECODE is set.
     libraries = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages"))

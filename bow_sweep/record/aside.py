@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from bow_sim.files import sync_directory
+from bow_sim.atomic_files import sync_directory
 
 PIECE = 1 << 22
 """Bytes copied at a time."""

@@ -13,13 +13,12 @@ from typing import Any, NamedTuple
 
 from mcap.records import Metadata
 
-from bow_sim.files import replacing, sync_directory
-
-from .mcapfile import McapWriter
-from .metadata import FileInfo, MetadataError, others_part, parse, records, render
-from .records import Message
-from .scan import Scan
-from .topics import Topic, short_name
+from bow_sim.atomic_files import replacing, sync_directory
+from bow_sweep.record.mcap_reader import Scan
+from bow_sweep.record.mcap_records import Message
+from bow_sweep.record.mcap_writer import McapWriter
+from bow_sweep.record.metadata import FileInfo, MetadataError, others_part, parse, records, render
+from bow_sweep.record.topics import Topic, short_name
 
 METADATA = "metadata.yaml"
 FOLDER = "bag"
@@ -31,7 +30,7 @@ class BagError(ValueError):
 
 
 class BagMessage(NamedTuple):
-    """A message of a bag; `data` is a view of CDR bytes, `topic` a key of :data:`.topics.TOPICS` or ""."""
+    """A message of a bag; `data` is a view of CDR bytes, `topic` a key of `TOPICS` or ""."""
 
     topic: str
     file: Path
@@ -162,7 +161,7 @@ class BagWriter:
         self._file.add(self._channels[topic], self._sequence, self._time, self._time, data)
 
     def commit(self) -> None:
-        """Write what is pending, as one chunk with its index; see :meth:`.mcapfile.McapWriter.commit`."""
+        """Write what is pending, as one chunk with its index; see `McapWriter.commit`."""
         self._file.commit()
 
     def fileno(self) -> int:
@@ -175,5 +174,5 @@ class BagWriter:
         write_metadata(self.directory, self._files(), self._others)
 
     def abandon(self) -> None:
-        """Close the file as it is; :func:`.recover.recover` finishes it."""
+        """Close the file as it is; :func:`bow_sweep.record.recover.recover` finishes it."""
         self._file.abandon()

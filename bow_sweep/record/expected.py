@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim import wire
-from bow_sim.blocks import Blocks
-from bow_sim.limits import check_size
-from bow_sim.model import ParameterError
-from bow_sim.spec import split
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.limits import check_size
+from bow_sim.protocol.sweep_spec import split
 
 OPEN, CLOSED = 1, 2
 """Plan.state."""
@@ -116,13 +116,13 @@ class Expected:
 
     def check_head(self, values: Mapping[str, Any]) -> None:
         """Raise WireError where a message is not of this run or of no chunk in it."""
-        seen = wire.identity(values)
+        seen = cdr.identity(values)
         if (seen.run_id, seen.sweep_id) != (self.run_id, self.sweep_id):
-            raise wire.WireError(
+            raise cdr.WireError(
                 f"run {seen.run_id!r}, sweep {seen.sweep_id!r}: this is run {self.run_id}, sweep {self.sweep_id}"
             )
         if seen.block >= self.blocks or seen.chunk >= self.chunks:
-            raise wire.WireError(
+            raise cdr.WireError(
                 f"block {seen.block}, chunk {seen.chunk}: there are {self.blocks} blocks of {self.chunks} chunks"
             )
 
@@ -134,17 +134,17 @@ class Expected:
         WireError
             Saying what does not fit the plan or itself.
         """
-        values = wire.unseal(name, data)
+        values = cdr.unseal(name, data)
         self.check_head(values)
         block, chunk = values["block"], values["chunk"]
         if not np.array_equal(values["cells"], self.block(block)):
-            raise wire.WireError(f"{name}.cells: not the {len(self.block(block))} cells of block {block}")
+            raise cdr.WireError(f"{name}.cells: not the {len(self.block(block))} cells of block {block}")
         if name == "Verdicts":
             if values["classifier"] != self.classifier:
-                raise wire.WireError(f"Verdicts.classifier = {values['classifier']!r}: should be {self.classifier!r}")
+                raise cdr.WireError(f"Verdicts.classifier = {values['classifier']!r}: should be {self.classifier!r}")
             return values
         right = {"samples": self.chunk_samples, "first_sample": chunk * self.chunk_samples}
         for field, value in right.items():
             if values[field] != value:
-                raise wire.WireError(f"{name}.{field} = {values[field]}: should be {value} in chunk {chunk}")
+                raise cdr.WireError(f"{name}.{field} = {values[field]}: should be {value} in chunk {chunk}")
         return values

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from .bag import BagError, bag_files
-from .mcapfile import COVER, MAGIC
-from .notes import Range
-from .records import Damage
-from .scan import Scan
-from .survey import Survey
+from bow_sweep.record.bag import BagError, bag_files
+from bow_sweep.record.bag_contents import Survey
+from bow_sweep.record.mcap_reader import Scan
+from bow_sweep.record.mcap_records import Damage
+from bow_sweep.record.mcap_writer import COVER, MAGIC
+from bow_sweep.record.notes import Range
 
 KEEP, MEND, ASIDE, REFUSE = "keep", "mend", "set aside", "refuse"
 """What is done with a file."""

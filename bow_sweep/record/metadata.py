@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import yaml
 from mcap.records import Channel, Schema
 
-from .mcapfile import Contents
-from .schema import definition, qos_lines, type_hash
-from .topics import Topic
+from bow_sweep.record.mcap_writer import Contents
+from bow_sweep.record.schema import definition, qos_lines, type_hash
+from bow_sweep.record.topics import Topic
 
 VERSION = 9
 DISTRO = "jazzy"

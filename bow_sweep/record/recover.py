@@ -19,15 +19,14 @@ from typing import Any
 from isal.isal_zlib import crc32
 from mcap.records import Header
 
-from bow_sweep.ledger_file import read_leniently
-from bow_sweep.locks import HeldError, take
-
-from .aside import copy_aside, set_aside
-from .bag import FOLDER, METADATA, BagError, bag_of, write_metadata
-from .inspection import ASIDE, KEEP, MEND, REFUSE, Identity, Inspection, Part, inspect
-from .mcapfile import COVER, COVERED, LIBRARY, MAGIC, pack, write_all
-from .metadata import FileInfo, MetadataError, differences, others_part, parse
-from .scan import Scan
+from bow_sweep.record.aside import copy_aside, set_aside
+from bow_sweep.record.bag import FOLDER, METADATA, BagError, bag_of, write_metadata
+from bow_sweep.record.inspection import ASIDE, KEEP, MEND, REFUSE, Identity, Inspection, Part, inspect
+from bow_sweep.record.mcap_reader import Scan
+from bow_sweep.record.mcap_writer import COVER, COVERED, LIBRARY, MAGIC, pack, write_all
+from bow_sweep.record.metadata import FileInfo, MetadataError, differences, others_part, parse
+from bow_sweep.run.ledger_file import read_leniently
+from bow_sweep.run.lock import HeldError, take
 
 ROUNDS = 4
 """Damage found one behind the other, looked at again after each repair, before a file is set aside whole."""

@@ -1,6 +1,6 @@
 """Judges a bag again, through the classifier's own core, which cannot tell a bag from a live graph.
 
-Here in this process; :mod:`.replay_graph` does it through DDS.
+Here in this process; :mod:`bow_sweep.processes.replay_graph` does it through DDS.
 
 With the thresholds of the run the verdicts must be the recorded ones, byte for byte; with others they stand beside
 them, in ``verdicts-<hash>.npz``, never over them.
@@ -15,18 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.regimes import REGIMES, is_helmholtz
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
-from bow_classifier.thresholds import Thresholds
-from bow_sim import wire
-from bow_sim.files import replacing
-from bow_sim.model import ParameterError, parse_settings
-
-from .bag import FOLDER, BagError, bag_files, bag_of, label
-from .expected import Expected
-from .scan import Scan
-from .survey import LAYERS, Chunks, Key, Progress, Survey, empty_layers, put
+from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.atomic_files import replacing
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import parse_settings
+from bow_sim.protocol import cdr
+from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
+from bow_sweep.record.bag_contents import LAYERS, Chunks, Key, Progress, Survey, empty_layers, put
+from bow_sweep.record.expected import Expected
+from bow_sweep.record.mcap_reader import Scan
 
 Judge = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
 """Yields (chunk, fields of Verdicts) for all chunks that a bag has in order."""
@@ -54,13 +54,13 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
             for found in scan.messages():
                 message = label(scan.contents.channels[found.channel].topic, found, path)
                 if message.topic == "plan":
-                    plan = wire.decode("Plan", message.data)
+                    plan = cdr.decode("Plan", message.data)
                     expected = expected.grown(plan) if expected else Expected.of(plan)
                     layers = layers or empty_layers(expected)
                 elif message.topic == "verdicts" and expected is not None:
                     try:
                         values = expected.check("Verdicts", message.data)
-                    except wire.WireError:
+                    except cdr.WireError:
                         continue  # verify says so; what cannot be read is not tested
                     put(layers, expected, (values["block"], values["chunk"]), values)
         except OSError:
@@ -88,7 +88,7 @@ def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[
         if len(out) != 1:
             why = "; ".join(classifier.complaints) or "it gave no verdict"
             raise BagError(f"block {block}, chunk {chunk}: the classifier does not take it: {why}")
-        yield (block, chunk), wire.decode("Verdicts", out[0])
+        yield (block, chunk), cdr.decode("Verdicts", out[0])
 
 
 def judge_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
@@ -147,7 +147,7 @@ def replay(
     progress
         Called with (done, total).
     judge
-        Who judges the chunks: :func:`judge_here`, or :func:`.replay_graph.judge_in_graph`.
+        Who judges the chunks: :func:`judge_here`, or :func:`bow_sweep.processes.replay_graph.judge_in_graph`.
 
     Returns
     -------

@@ -14,7 +14,7 @@ import sys
 from functools import lru_cache
 from pathlib import Path
 
-from .topics import Qos
+from bow_sweep.record.topics import Qos
 
 _PRIMITIVES = re.compile("bool|byte|char|float(32|64)|u?int(8|16|32|64)|w?string")
 _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/(?:msg/)?([A-Z][A-Za-z0-9]*)")

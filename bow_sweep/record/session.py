@@ -16,18 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim import wire
-from bow_sim.files import sync_directory
-from bow_sim.model import ParameterError
-
-from .bag import FOLDER, BagError, BagWriter
-from .disk import DiskSync
-from .expected import CLOSED, Expected
-from .inspection import Inspection
-from .inventory import Answer, Inventory
-from .notes import HOW, note
-from .recover import locked, repair
-from .topics import STORED_ONCE, TOPICS, Topic
+from bow_sim.atomic_files import sync_directory
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sweep.record.bag import FOLDER, BagError, BagWriter
+from bow_sweep.record.deduplication import Answer, Inventory
+from bow_sweep.record.disk import DiskSync
+from bow_sweep.record.expected import CLOSED, Expected
+from bow_sweep.record.inspection import Inspection
+from bow_sweep.record.notes import HOW, note
+from bow_sweep.record.recover import locked, repair
+from bow_sweep.record.topics import STORED_ONCE, TOPICS, Topic
 
 COMMIT_BYTES = 4 << 20
 """Bytes after which a chunk of the file is written."""
@@ -37,7 +36,7 @@ COMMIT_S = 0.02
 
 
 RUN_OF = {"inspect": "BridgeForce", "basin_map": "BasinMap", "blocks": "Block"}
-"""Topics whose messages say of which run they are, and the names :mod:`bow_sim.wire` has for them."""
+"""Topics whose messages say of which run they are, and the names :mod:`bow_sim.protocol.cdr` has for them."""
 
 
 class AlreadyClosedError(BagError):
@@ -132,8 +131,8 @@ class Session:
             self.inventory.restore(topic, {key: place.checksum for key, place in places.items()})
         self.inventory.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
         self._on_disk = {block: attempt for block, attempt in survey.attempts.items() if self._is_whole(block)}
-        unsaid = [block for block in self._on_disk if (wire.RECEIPT_BLOCK, block, 0) not in survey.receipts]
-        self._answers = [Answer(wire.RECEIPT_BLOCK, n, 0, self._on_disk[n], 0) for n in sorted(unsaid)]
+        unsaid = [block for block in self._on_disk if (cdr.RECEIPT_BLOCK, block, 0) not in survey.receipts]
+        self._answers = [Answer(cdr.RECEIPT_BLOCK, n, 0, self._on_disk[n], 0) for n in sorted(unsaid)]
 
     def _is_whole(self, block: int) -> bool:
         return self.inventory.count(block) == len(STORED_ONCE) * self.expected.chunks
@@ -172,7 +171,7 @@ class Session:
                     return
             elif topic in RUN_OF and not self._is_of_run(topic, data):
                 return
-        except wire.WireError as error:
+        except cdr.WireError as error:
             self.ignored += 1
             self.complaints[f"{topic}: {error}"] += 1
             return
@@ -198,7 +197,7 @@ class Session:
         if answer is not None:
             self._answers.append(answer)
             if block in self._on_disk and chunk == self.expected.chunks - 1:
-                self._answers.append(Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0))
+                self._answers.append(Answer(cdr.RECEIPT_BLOCK, block, 0, attempt, 0))
         if new and self._is_whole(block):
             self._whole[block] = attempt
         return new
@@ -206,9 +205,9 @@ class Session:
     def _is_of_run(self, topic: str, data: bytes) -> bool:
         """Return whether a message says something of this run; one without cells only shows that messages arrive."""
         name = RUN_OF[topic]
-        values = wire.unseal(name, data) if wire.is_sealed(name) else wire.decode(name, data)
+        values = cdr.unseal(name, data) if cdr.is_sealed(name) else cdr.decode(name, data)
         if (values["run_id"], values["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
-            raise wire.WireError(f"run {values['run_id']!r}: this is run {self.expected.run_id}")
+            raise cdr.WireError(f"run {values['run_id']!r}: this is run {self.expected.run_id}")
         return name != "Block" or len(values["cells"]) > 0
 
     # ---- what goes out
@@ -225,7 +224,7 @@ class Session:
         whole, self._whole = self._whole, {}
         on_disk = whole if self._disk is None else self._disk.done()
         self._on_disk.update(on_disk)
-        self._answers += [Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
+        self._answers += [Answer(cdr.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
         if self._answers:
             message = self._receipt(self._answers)
             self._answers = []
@@ -239,7 +238,7 @@ class Session:
         """Answer again for blocks on the disk that the plan still calls outstanding: a receipt may have got lost."""
         outstanding = np.flatnonzero(np.asarray(self.last_plan["block_states"]) == 0).tolist()
         again = {block: self._on_disk[block] for block in outstanding if block in self._on_disk}
-        self._answers += [Answer(wire.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in again.items()]
+        self._answers += [Answer(cdr.RECEIPT_BLOCK, block, 0, attempt, 0) for block, attempt in again.items()]
 
     def empty_receipt(self) -> bytes:
         """Return a receipt for nothing: it shows that receipts arrive, and is not recorded."""
@@ -247,7 +246,7 @@ class Session:
 
     def _receipt(self, answers: list[Answer]) -> bytes:
         run = {"run_id": self.expected.run_id, "sweep_id": self.expected.sweep_id, "incarnation": self.incarnation}
-        return wire.encode("Receipt", {**run, **{name: [getattr(a, name) for a in answers] for name in Answer._fields}})
+        return cdr.encode("Receipt", {**run, **{name: [getattr(a, name) for a in answers] for name in Answer._fields}})
 
     def close(self, now: int) -> bytes | None:
         """Commit, finish the file, give up the lock; return the last receipt.

@@ -51,7 +51,8 @@ TOPICS: dict[str, Topic] = {
 """Everything on the graph, by name."""
 
 STORED_ONCE = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
-"""Topics whose messages have an identity, of which the bag holds each once, and the names :mod:`bow_sim.wire` has."""
+"""Topics whose messages have an identity, of which the bag holds each once, and the names that
+:mod:`bow_sim.protocol.cdr` has."""
 
 
 def short_name(topic: str) -> str:

@@ -11,17 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.regimes import is_helmholtz
-from bow_sim.model import ParameterError
-from bow_sim.wire import RECEIPT_BLOCK, RECEIPT_STREAMS, RECEIPT_VERDICTS
-from bow_sweep.adaptive import next_round, within_budget
-
-from .bag import FOLDER, BagError, bag_of
-from .beside import Beside, transient_lengths
-from .expected import CLOSED, DONE, QUARANTINED, Expected
-from .index_survey import IndexSurvey
-from .replay import differing, rejudge, task_of
-from .survey import Chunks, Key, Progress, Survey
+from bow_classifier.verdict.regimes import is_helmholtz
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol.cdr import RECEIPT_BLOCK, RECEIPT_STREAMS, RECEIPT_VERDICTS
+from bow_sweep.plan.adaptive import next_round, within_budget
+from bow_sweep.record.bag import FOLDER, BagError, bag_of
+from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
+from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED, Expected
+from bow_sweep.record.index_contents import IndexSurvey
+from bow_sweep.record.replay import differing, rejudge, task_of
+from bow_sweep.record.verify_files import Beside, transient_lengths
 
 RECEIPTS_BLOCKS = 2
 """Version of the record from which on a block is receipted as a whole."""

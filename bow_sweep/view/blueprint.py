@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from .furniture import Furniture
-from .layers import TEST_LAYERS
-from .scope import MARGIN, MOST, ROW, WIDTH, trace_name
+from bow_sweep.maps.plane import TEST_LAYERS
+from bow_sweep.view.decorations import Furniture
+from bow_sweep.view.scope import MARGIN, MOST, ROW, WIDTH, trace_name
 
 GROUND = (24, 26, 30)
 """Behind maps: dark in both of the viewer's themes, as their labels are light."""

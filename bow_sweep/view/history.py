@@ -13,9 +13,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from .blueprint import GROUND
-from .layers import GREY, HEADROOM, PENDING, regime_colours, regime_label, upright
-from .maps import MapFile, MapFileError, read_map_npz
+from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz
+from bow_sweep.maps.plane import PENDING, regime_label, upright
+from bow_sweep.view.blueprint import GROUND
+from bow_sweep.view.colours import GREY, HEADROOM, regime_colours
 
 FILE = "history.rrd"
 

@@ -8,24 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bow_sim.model import CHUNK_PERIODS
-from bow_sim.page import MUTED, style
-
-from .layers import (
-    BLACK,
-    GREY,
-    NEVER,
-    NOT_COMPUTED,
-    PENDING,
-    TEST_RANGES,
-    WANTED,
-    Plane,
-    regime_colours,
-    regime_label,
-    transient_colours,
-    viridis,
-)
-from .sheet import Sheet, cell_pixels, label, lengths_of, paint, percent, titles
+from bow_sim.figures.page import MUTED, style
+from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, PENDING, TEST_RANGES, WANTED, Plane, regime_label
+from bow_sweep.view.colours import BLACK, GREY, regime_colours, transient_colours, viridis
+from bow_sweep.view.figure_layout import Sheet, cell_pixels, label, lengths_of, paint, percent, titles
 
 MAP_PIXELS = (1280, 640)
 """The map of the main picture: 6.4 by 3.2 inches, the paper's two to one."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .furniture import unit_of
-from .layers import Plane
+from bow_sweep.maps.plane import Plane
+from bow_sweep.view.decorations import unit_of
 
 MOST = 6
 """Cells shown; further ones are left out, there is no room to read them."""

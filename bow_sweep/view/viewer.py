@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from .wanted import LOOPBACK, free_port
+from bow_sweep.view.wanted import LOOPBACK, free_port
 
 
 class Viewer:

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from bench import graph, kernel, machine, memory, peak, report, scalar, stk
 from bench.processes import Watch, family_of, memory_of, name_of
-from bow_sim.model import Parameters
+from bow_sim.physics.parameters import Parameters
 
 CASES = ("delta/Cremer, float64", "stiff/Cremer, float64")
 

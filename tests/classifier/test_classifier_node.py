@@ -16,14 +16,14 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 
-from bow_classifier.judge import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.features.slips import Intervals
 from bow_classifier.node import ClassifierNode
-from bow_classifier.slips import Intervals
-from bow_classifier.thresholds import Thresholds
-from bow_sim import wire
-from bow_sim.kernel import Block
-from bow_sim.model import Parameters
-from bow_sim.ros import LATCHED, STREAM, WAVES, BowNode, RCLError
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.graph.node_base import LATCHED, STREAM, WAVES, BowNode, RCLError
+from bow_sim.kernel.block import Block
+from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol import cdr
 
 RUN, SWEEP, NAMESPACE = "0123456789abcdef", "fedcba9876543210", "/bow/test"
 PARAMETERS = Parameters(v_mid=0.2, periods=30)
@@ -61,8 +61,8 @@ class Graph:
         self.node.create_subscription(Health, "health", lambda m: self.health.update({m.role: m}), LATCHED)
 
     def take(self, node, data):
-        node.heard("verdicts", wire.decode_head("Verdicts", data)["incarnation"])
-        if node is self.node and not wire.hello_from("Verdicts", data):
+        node.heard("verdicts", cdr.decode_head("Verdicts", data)["incarnation"])
+        if node is self.node and not cdr.hello_from("Verdicts", data):
             self.verdicts.append(data)
 
     def until(self, what, seconds=20.0):
@@ -101,7 +101,7 @@ def encode(simulated, name, chunk, attempt=1):
     values = {"run_id": RUN, "sweep_id": SWEEP, "block": 0, "chunk": chunk, "attempt": attempt, "incarnation": "s"}
     values |= {"cells": np.arange(6), "first_sample": 695 * chunk, "samples": 695}
     values |= {"data": simulated[chunk].bridge_force, **simulated[chunk]._asdict()}
-    return wire.encode(name, values)
+    return cdr.encode(name, values)
 
 
 @pytest.fixture
@@ -150,8 +150,8 @@ def test_a_sweep_is_judged_duplicates_answered_and_the_rest_ignored(graph, class
 
     judge = BlockJudge(Geometry.of(PARAMETERS), THRESHOLDS, 6)
     for chunk, data in enumerate(graph.verdicts[:-1]):
-        verdict = wire.unseal("Verdicts", data)
-        assert wire.identity(verdict) == (RUN, SWEEP, 0, chunk, 1)
+        verdict = cdr.unseal("Verdicts", data)
+        assert cdr.identity(verdict) == (RUN, SWEEP, 0, chunk, 1)
         assert verdict["classifier"] == THRESHOLDS.hash
         assert verdict["incarnation"] == graph.health["classifier"].incarnation
         expected = judge.judge(
@@ -160,9 +160,9 @@ def test_a_sweep_is_judged_duplicates_answered_and_the_rest_ignored(graph, class
         for name, values in expected._asdict().items():
             assert verdict[name].tobytes() == values.tobytes()
         assert deserialize_message(data, Verdicts).corners.tolist() == expected.corners.tolist()
-    again = wire.unseal("Verdicts", graph.verdicts[-1])
-    assert wire.identity(again) == (RUN, SWEEP, 0, 3, 2)
-    assert again["checksum"] == wire.unseal("Verdicts", graph.verdicts[3])["checksum"]
+    again = cdr.unseal("Verdicts", graph.verdicts[-1])
+    assert cdr.identity(again) == (RUN, SWEEP, 0, 3, 2)
+    assert again["checksum"] == cdr.unseal("Verdicts", graph.verdicts[3])["checksum"]
     health = graph.health["classifier"]
     assert (health.duplicates, health.ignored) == (2, 4)
 

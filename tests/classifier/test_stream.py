@@ -17,12 +17,12 @@ from kinematics import (
 )
 
 from bow_classifier import stream
-from bow_classifier.judge import BlockJudge
-from bow_classifier.regimes import REGIMES
+from bow_classifier.block_classifier import BlockJudge
 from bow_classifier.stream import FORCE, SLIP, Classifier
 from bow_classifier.task import Task
-from bow_classifier.thresholds import Thresholds
-from bow_sim import wire
+from bow_classifier.verdict.regimes import REGIMES
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.protocol import cdr
 
 RUN, SWEEP = "0123456789abcdef", "fedcba9876543210"
 CHUNKS = 5
@@ -66,7 +66,7 @@ def message(name, chunk, block=0, attempt=1, content=None, **changes):
         **intervals._asdict(),
         **changes,
     }
-    return wire.encode(name, values)
+    return cdr.encode(name, values)
 
 
 def plan(**changes):
@@ -84,7 +84,7 @@ def plan(**changes):
         "incarnation": "c" * 16,
         **changes,
     }
-    return wire.encode("Plan", values)
+    return cdr.encode("Plan", values)
 
 
 def ready(incarnation="classifier"):
@@ -96,11 +96,11 @@ def ready(incarnation="classifier"):
 
 def judged(out):
     """Return (block, chunk, attempt) of verdict messages, after checking their seals."""
-    return [wire.identity(wire.unseal("Verdicts", data))[2:] for data in out]
+    return [cdr.identity(cdr.unseal("Verdicts", data))[2:] for data in out]
 
 
 def payloads(out):
-    return {wire.identity(v)[2:4]: v["checksum"] for v in (wire.unseal("Verdicts", data) for data in out)}
+    return {cdr.identity(v)[2:4]: v["checksum"] for v in (cdr.unseal("Verdicts", data) for data in out)}
 
 
 def feed(classifier, *messages):
@@ -124,14 +124,14 @@ def truth():
 def test_every_chunk_gets_one_verdict_that_names_it_and_its_checksum():
     out = feed(ready("me"), *everything(attempt=3), *everything(block=1))
     assert judged(out) == [(0, chunk, 3) for chunk in range(CHUNKS)] + [(1, chunk, 1) for chunk in range(CHUNKS)]
-    last = wire.unseal("Verdicts", out[CHUNKS - 1])
-    parts = [wire.unseal(name, message(name, CHUNKS - 1))["checksum"] for name in (FORCE, SLIP)]
-    assert last["chunk_checksum"] == wire.chunk_checksum(0, CHUNKS - 1, *parts)
+    last = cdr.unseal("Verdicts", out[CHUNKS - 1])
+    parts = [cdr.unseal(name, message(name, CHUNKS - 1))["checksum"] for name in (FORCE, SLIP)]
+    assert last["chunk_checksum"] == cdr.chunk_checksum(0, CHUNKS - 1, *parts)
     assert (last["run_id"], last["sweep_id"], last["incarnation"]) == (RUN, SWEEP, "me")
     assert last["classifier"] == Thresholds(correlation=0.9).hash
     assert last["cells"].tolist() == [0, 1]
     assert [REGIMES[code] for code in last["regime"]] == ["helmholtz", "multiple_slip"]
-    last = wire.unseal("Verdicts", out[-1])
+    last = cdr.unseal("Verdicts", out[-1])
     assert last["cells"].tolist() == [2]
     assert [REGIMES[code] for code in last["regime"]] == ["multiple_flyback"]
 
@@ -378,7 +378,7 @@ def test_every_cell_of_a_map_of_bow_position_is_judged_by_its_own():
     for chunk in range(2):
         for name in (FORCE, SLIP):
             out += classifier.take(name, message(name, chunk, content=content[chunk], cells=task.block(0)))
-    last = wire.unseal("Verdicts", out[-1])
+    last = cdr.unseal("Verdicts", out[-1])
     judge = BlockJudge(task.geometry, task.thresholds, 3, bow_bridge=[5, 20, 35])
     expected = [judge.judge(*chunk) for chunk in content[:2]][-1]
     for name in expected._fields:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bow_classifier.task import Task
-from bow_sim.model import ParameterError
-from bow_sim.spec import axis_values
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol.sweep_spec import axis_values
 
 RUN, SWEEP = "0123456789abcdef", "fedcba9876543210"
 CHUNKS = 5

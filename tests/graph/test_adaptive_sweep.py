@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from graph import assert_gone_on_with, assert_survives_a_kill, bow, run_sweep, sweeping, verified
 
-from bow_sweep.inprocess import compute
-from bow_sweep.plan import Sweep
+from bow_sweep.maps.in_process import compute
+from bow_sweep.plan.sweep import Sweep
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -78,7 +78,7 @@ def test_cut_off_in_a_round_it_goes_on_to_the_same_map(number: signal.Signals, a
 def test_a_block_given_up_is_not_predicted_and_the_rounds_go_on(
     adaptive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "support"), prepend=os.pathsep)
     monkeypatch.setenv("POISON_BLOCK", "1")
     monkeypatch.setenv("POISON_DEATH", "SIGSEGV")
     run = tmp_path / "run"

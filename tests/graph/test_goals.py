@@ -23,11 +23,11 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bow_sim import wire
-from bow_sim.identity import fingerprint
-from bow_sim.neighbours import DEAF_S
-from bow_sim.ros import INSPECT, LATCHED, STREAM, WAVES, RCLError
-from bow_sweep.plan import Sweep
+from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, WAVES, RCLError
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.protocol import cdr
+from bow_sim.protocol.neighbours import DEAF_S
+from bow_sweep.plan.sweep import Sweep
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
@@ -151,18 +151,18 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
     common = {"run_id": "x", "sweep_id": "y", "block": 2**32 - 1, "chunk": 0, "attempt": 1, "incarnation": "z"}
     odd = {**common, "cells": np.arange(3), "first_sample": 0, "samples": 9, "data": np.full(5, np.nan)}
     messages = [
-        wire.ENCAPSULATION + rng.bytes(400),
-        wire.ENCAPSULATION,
-        wire.encode("BridgeForce", odd),
-        wire.encode("BridgeForce", {**odd, "samples": 2**32 - 1}),
+        cdr.ENCAPSULATION + rng.bytes(400),
+        cdr.ENCAPSULATION,
+        cdr.encode("BridgeForce", odd),
+        cdr.encode("BridgeForce", {**odd, "samples": 2**32 - 1}),
     ]
     while not stop.wait(0.01):
         for publisher in publishers:
             for message in messages:
                 publisher.publish(message)
         for publisher in latched_ones:
-            publisher.publish(wire.ENCAPSULATION + rng.bytes(int(rng.integers(200))))
-            publisher.publish(wire.ENCAPSULATION + b"\xff\xff\xff\x7f" * 20)
+            publisher.publish(cdr.ENCAPSULATION + rng.bytes(int(rng.integers(200))))
+            publisher.publish(cdr.ENCAPSULATION + b"\xff\xff\xff\x7f" * 20)
 
 
 @pytest.fixture
@@ -229,7 +229,7 @@ def test_publishers_that_are_broken_for_good_are_made_anew(simulator: Any) -> No
         def publish(self, _: bytes) -> None:
             raise RCLError("cannot publish data")
 
-    hello = [wire.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
+    hello = [cdr.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
     simulator._streams = [Broken(), Broken()]
     simulator._publish(hello)
     simulator._look()

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from graph import PATIENCE_S, TINY, run_sweep, sweeping
 
-from bow_sim import notes
-from bow_sim.leftovers import files_of, is_lock, is_port, noted
-from bow_sim.reach import SHARED_MEMORY
+from bow_sim.graph import shm_notes
+from bow_sim.graph.discovery import SHARED_MEMORY
+from bow_sim.graph.shm_files import files_of, is_lock, is_port, noted
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -42,7 +42,7 @@ class ByHand:
     def __init__(self, name: str) -> None:
         words = [sys.executable, "-m", "bow_sweep.cli", "simulator", "--ros-args", "-r", f"__node:={name}"]
         self.process = subprocess.Popen(words)
-        self.note = SHARED_MEMORY / notes._name(self.process.pid)
+        self.note = SHARED_MEMORY / shm_notes._name(self.process.pid)
         until(self.note.exists, "it writes a note")
         until(lambda: noted(self.note) >= files_of(self.process.pid), "the note names all that it has")
 
@@ -61,7 +61,7 @@ def simulators() -> Iterator[list[ByHand]]:
     for one in running:
         one.process.kill()
         one.process.wait()
-    notes.work_off()
+    shm_notes.work_off()
 
 
 def test_what_a_killed_node_had_goes_when_the_next_one_starts(simulators: list[ByHand]) -> None:
@@ -102,5 +102,5 @@ def test_nodes_of_a_sweep_have_their_supervisor(tmp_path: Path) -> None:
     with sweeping(run, *TINY, "--no-dashboard", "--out", str(run)) as sweep:
         sweep.wait_until((run / "map.npz").exists)
         for child in sweep.children():
-            assert not (SHARED_MEMORY / notes._name(child.pid)).exists()
+            assert not (SHARED_MEMORY / shm_notes._name(child.pid)).exists()
         assert sweep.wait() == 0, sweep.text

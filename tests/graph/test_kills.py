@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from graph import SMALL, TINY, assert_gone_on_with, assert_same_map, assert_survives_a_kill, orphans, sweeping, verified
 
-from bow_sim.leftovers import files_of
+from bow_sim.graph.shm_files import files_of
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 

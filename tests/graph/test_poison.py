@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from graph import SMALL, bow, map_of, orphans, sweeping, verified
 
-from bow_sweep.ledger import POISON_DEATHS
+from bow_sweep.run.ledger import POISON_DEATHS
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -32,7 +32,7 @@ def ledger(run: Path) -> list[dict]:
 def test_a_block_that_kills_its_simulators_is_quarantined_and_named_and_the_rest_completes(
     death: str, cause: str, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1] / "support"), prepend=os.pathsep)
     monkeypatch.setenv("POISON_BLOCK", str(POISON))
     monkeypatch.setenv("POISON_DEATH", death)
     run = tmp_path / "run"

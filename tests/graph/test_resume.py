@@ -109,9 +109,9 @@ def test_without_syncs_and_locks_a_sweep_is_the_same(undisturbed: Path, tmp_path
 
 
 def test_a_run_that_does_not_hold_is_not_called_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bow_sweep import commands_sweep
-    from bow_sweep.commands_sweep import _Job, _self_check
-    from bow_sweep.plan import Sweep
+    from bow_sweep.cli import sweep as commands_sweep
+    from bow_sweep.cli.sweep import _Job, _self_check
+    from bow_sweep.plan.sweep import Sweep
 
     (tmp_path / "bag").mkdir()
     said = _self_check(_Job(tmp_path, "a" * 16, Sweep.from_spec("fig11d", [])), lambda _: None)

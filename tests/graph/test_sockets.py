@@ -17,7 +17,7 @@ import pytest
 from graph import PATIENCE_S, SMALL, sweeping
 from sockets import Socket, family, sockets_of, sockets_seen
 
-from bow_sim import reach
+from bow_sim.graph import discovery
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -37,7 +37,7 @@ while time.monotonic() < end and not Path({over!r}).exists():
 
 @pytest.fixture(autouse=True)
 def as_users_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (reach.RANGE, "DISPLAY", "WAYLAND_DISPLAY"):
+    for name in (discovery.RANGE, "DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
 
 

@@ -23,9 +23,9 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bow_sim.ros import HEARD
+from bow_sim.graph.node_base import HEARD
 from bow_sweep.record.bag import messages
-from bow_sweep.record.recorder import _class_of
+from bow_sweep.record.node import _class_of
 from bow_sweep.record.topics import TOPICS
 
 SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from graph import SMALL, TINY, assert_gone_on_with, bow, orphans, run_sweep, sweeping, verified
 
-from bow_sim import wire
-from bow_sim.kernel import transient
-from bow_sweep.plan import Sweep
+from bow_sim.kernel.block import transient
+from bow_sim.protocol import cdr
+from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import messages
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -51,7 +51,7 @@ def test_a_reflection_function_of_ones_own_and_the_bow_position_can_be_swept(tmp
     waveform = {}
     for message in messages(run / "bag"):
         if message.topic.endswith("bridge_force"):
-            values = wire.decode("BridgeForce", message.data)
+            values = cdr.decode("BridgeForce", message.data)
             if cell in values["cells"]:
                 row = values["cells"].tolist().index(cell)
                 waveform[values["chunk"]] = values["data"].reshape(-1, values["samples"])[row]

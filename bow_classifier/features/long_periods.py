@@ -1,0 +1,336 @@
+"""Periods longer than the nominal one: what repeats after two or three periods only, or at an anomalous low frequency.
+
+The first test looks for the period near the nominal one (:mod:`bow_classifier.features.periodicity`). Where it fails,
+this looks on, at lags up to three nominal periods: first in averages of eight samples, which costs little, then in the
+samples themselves around the shortest lag that looked as good as any.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_classifier.features.periodicity import CONSTANT
+from bow_classifier.verdict.fingerprint import LEAN, VERSION
+from bow_sim.simd import lanes
+from bow_sim.simd.columns import columns
+from bow_sim.simd.jit import njit
+from bow_sim.simd.lanes import LANES, choose, root
+
+load: Any = lanes.load  # intrinsics are called without the first argument that their types ask for
+spread: Any = lanes.spread
+store: Any = lanes.store
+
+COARSE = 8
+"""Samples averaged in the first look: it costs a sixty-fourth, and the second look finds its errors."""
+
+BESIDE = 10
+"""Samples searched on either side of what the first look found: it is right within `COARSE`, and maxima have sides."""
+
+SLACK = 0.08
+"""How far below the threshold a correlation of averages may lie and still be looked at."""
+
+SHORTER = 0.1
+"""How far below the highest maximum of averages one at a shorter lag may lie and still be looked at."""
+
+EQUAL = 0.02
+"""A shorter lag counts as good as the best when its correlation falls short by less."""
+
+
+@njit(**LEAN)
+def _moments(x, begin, n, eight):
+    """Return the sums of x and of x squared over n samples; `eight` is room for eight lanes."""
+    s, q = spread(0.0), spread(0.0)
+    whole = begin + n // LANES * LANES
+    for t in range(begin, whole, LANES):
+        y = load(x, t)
+        s, q = s + y, q + y * y
+    store(eight, 0, s)
+    total = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
+    store(eight, 0, q)
+    square = ((eight[0] + eight[4]) + (eight[2] + eight[6])) + ((eight[1] + eight[5]) + (eight[3] + eight[7]))
+    for t in range(whole, begin + n):
+        total += x[t]
+        square += x[t] * x[t]
+    return total, square
+
+
+@njit(**LEAN)
+def _products(x, begin, n, lag, products):
+    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
+
+    The samples are counted from 0: of indices that cannot be negative Numba need not find out whether they are, which
+    took half of the time.
+    """
+    y = x[begin : begin + n]
+    for i in range(0, products.shape[0], LANES):
+        earlier = begin + i - lag
+        a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
+        for t in range(0, n - 3, 4):
+            a = a + y[t] * load(x, t + earlier)
+            b = b + y[t + 1] * load(x, t + 1 + earlier)
+            c = c + y[t + 2] * load(x, t + 2 + earlier)
+            d = d + y[t + 3] * load(x, t + 3 + earlier)
+        for t in range(n // 4 * 4, n):
+            a = a + y[t] * load(x, t + earlier)
+        store(products, i, (a + c) + (b + d))
+
+
+@njit(**LEAN)
+def _slide(x, begin, n, first, last, total, square, totals, squares):
+    """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
+
+    `total` and `square` are those of lag n; at other lags they follow sample by sample.
+    """
+    up, up_square = total, square
+    for lag in range(n, last + 1):
+        totals[last - lag], squares[last - lag] = up, up_square
+        enters, leaves = x[begin - lag - 1], x[begin - lag - 1 + n]
+        up += enters - leaves
+        up_square += (enters - leaves) * (enters + leaves)
+    for lag in range(n - 1, first - 1, -1):
+        enters, leaves = x[begin - lag - 1 + n], x[begin - lag - 1]
+        total += enters - leaves
+        square += (enters - leaves) * (enters + leaves)
+        totals[last - lag], squares[last - lag] = total, square
+
+
+@njit(**LEAN)
+def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
+    """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
+    for i in range(0, r.shape[0], LANES):
+        total, square = load(totals, i), load(squares, i)
+        variation_b = square - total * total * one_nth
+        varies = (variation_b > square * CONSTANT) & (variation_b > spread(floor * CONSTANT))
+        coefficient = (load(products, i) - total * mean) / root(variation_b * variation)
+        store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
+
+
+@njit(**LEAN)
+def _correlations(x, start, windows, n, first, last, sums, r):
+    """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
+
+    They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
+    the window before, whose sums are known.
+    """
+    products, totals, squares = sums
+    r[:] = 0.0
+    one_nth = 1.0 / n  # divisions would take a third of the time
+    sum_total, sum_square = 0.0, 0.0
+    earlier, earlier_square = _moments(x, start - n, n, products)
+    for w in range(windows):
+        begin = start + w * n
+        total, square = _moments(x, begin, n, products)
+        variation = square - total * total * one_nth
+        if not variation > CONSTANT * square:
+            variation = np.nan
+        _products(x, begin, n, last, products)
+        _slide(x, begin, n, first, last, earlier, earlier_square, totals, squares)
+        _add_coefficients(products, total * one_nth, variation, totals, squares, earlier_square, one_nth, r)
+        earlier, earlier_square = total, square
+        sum_total += total
+        sum_square += square
+    for i in range(r.shape[0]):
+        r[i] /= windows
+    return sum_total, sum_square
+
+
+@njit(**LEAN)
+def _best_maximum(r):
+    """Return height and place of the largest interior maximum of r; NaN where there is none."""
+    height, place = np.nan, np.nan
+    for i in range(1, r.shape[0] - 1):
+        j = i + 1
+        while j < r.shape[0] and r[j] == r[i]:  # a flat top is a maximum if it falls on its far side
+            j += 1
+        if r[i - 1] < r[i] and j < r.shape[0] and r[j] < r[i]:
+            slope = 0.5 * (r[i + 1] - r[i - 1])
+            bend = 2.0 * r[i] - r[i + 1] - r[i - 1]
+            top = r[i] + 0.5 * slope * slope / bend
+            if not top <= height:
+                height, place = top, i + slope / bend
+    return min(height, 1.0), place  # a parabola may rise above what a correlation can be
+
+
+@njit(**LEAN)
+def _averages(row, averages, eight):
+    """Write the averages of eight samples each, the last ones at the end of the record; `eight` is room for 8 x 8."""
+    count = averages.shape[0]
+    part = row[row.shape[0] - COARSE * count :]
+    level = np.float64(row[row.shape[0] - 1])  # near the mean: the sums then cancel less
+    for k in range(0, count - LANES + 1, LANES):
+        columns(part, COARSE * k, COARSE, spread(level), eight, 0)
+        a, b, c, d = load(eight, 0), load(eight, LANES), load(eight, 2 * LANES), load(eight, 3 * LANES)
+        e, f, g, h = load(eight, 32), load(eight, 40), load(eight, 48), load(eight, 56)
+        store(averages, k, (((a + b) + (c + d)) + ((e + f) + (g + h))) / COARSE)
+    for k in range(count // LANES * LANES, count):
+        total = 0.0
+        for x in part[COARSE * k : COARSE * (k + 1)]:
+            total += np.float64(x) - level
+        averages[k] = total / COARSE
+
+
+@njit(**LEAN)
+def _coarse(y, n, first, last, sums, r):
+    """Write the correlations of the last n of y with those a lag earlier to r[last - lag], lags first ... last."""
+    products, totals, squares = sums
+    begin = y.shape[0] - r.shape[0] - n  # y has a margin at its end: wide loads go beyond what is asked
+    _products(y, begin, n, last, products)
+    total, square = 0.0, 0.0
+    for t in range(begin, begin + n):
+        total += y[t]
+        square += y[t] * y[t]
+    one_nth = 1.0 / n
+    variation = square - total * total * one_nth
+    if not variation > CONSTANT * square:
+        variation = np.nan
+    earlier, earlier_square = total, square
+    for lag in range(1, last + 1):
+        enters, leaves = y[begin - lag], y[begin - lag + n]
+        earlier += enters - leaves
+        earlier_square += (enters - leaves) * (enters + leaves)
+        if lag >= first:
+            totals[last - lag], squares[last - lag] = earlier, earlier_square
+    r[:] = 0.0
+    _add_coefficients(products, total * one_nth, variation, totals, squares, square, one_nth, r)
+
+
+@njit(**LEAN)
+def _is_maximum(r, i):
+    return r[i - 1] < r[i] >= r[i + 1]
+
+
+@njit(**LEAN)
+def _within(lag, shortest, longest):
+    """Return the middle, in samples, of the search around a lag in averages."""
+    return min(max(COARSE * lag, shortest), longest)
+
+
+@njit(**LEAN)
+def _highest(r, count, least):
+    """Return the place in r of the highest maximum above `least`, -1 for none."""
+    found, best = -1, least
+    for i in range(1, count - 1):
+        if r[i] > best and _is_maximum(r, i):
+            found, best = i, r[i]
+    return found
+
+
+@njit(**LEAN)
+def _fine(x, samples, period, middle, sums, f):
+    """Return height and lag of the largest interior maximum within `BESIDE` of a lag; NaN for none."""
+    before = x.shape[0] - samples - f.shape[0]
+    _correlations(x, before, samples // period, period, middle - BESIDE, middle + BESIDE, sums, f)
+    height, at = _best_maximum(f[: 2 * BESIDE + 1])
+    return height, middle + BESIDE - at
+
+
+@njit(nogil=True, error_model="numpy")
+def long_workspace(samples, period, shortest, longest):
+    """Return the arrays that `search_row` works in: averages and their correlations, samples and theirs."""
+    n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
+    wide = -(-(high - low + 1) // LANES) * LANES
+    width = -(-(2 * BESIDE + 1) // LANES) * LANES
+    before = longest + BESIDE + 1
+    slide = max(width, before - period + 1)  # the sums slide from one period to the longest lag
+    y, coarse = np.zeros(n + high + 1 + wide), (np.zeros(wide), np.zeros(wide), np.zeros(wide))
+    x, sums = np.zeros(before + samples + width), (np.zeros(width), np.zeros(slide), np.zeros(slide))
+    return y, coarse, np.empty(wide), x, sums, np.empty(width), np.empty(COARSE * LANES)
+
+
+@njit(**LEAN)
+def search_row(row, start, period, shortest, longest, least, work):
+    """Return height and lag of what repeats after a long lag in one cell; NaN where nothing does above `least`."""
+    y, coarse, r, x, sums, f, eight = work
+    samples = row.shape[0] - start
+    n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
+    lags, before = high - low + 1, longest + BESIDE + 1
+    _averages(row, y[: n + high + 1], eight)
+    _coarse(y, n, low, high, coarse, r)
+    best = _highest(r, lags, least - SLACK)
+    if best < 0:
+        return np.nan, np.nan
+    level, part = np.float64(row[start]), row[start - before :]
+    for t in range(part.shape[0]):
+        x[t] = np.float64(part[t]) - level
+    height, lag = _fine(x, samples, period, _within(high - best, shortest, longest), sums, f)
+    for k in range(lags - 2, best, -1):  # what repeats after a lag repeats after its multiples, too
+        if r[k] > r[best] - SHORTER and _is_maximum(r, k):
+            other, at = _fine(x, samples, period, _within(high - k, shortest, longest), sums, f)
+            if other > least and not other < height - EQUAL:
+                height, lag = other, at
+                break
+    return (height, lag) if height > least else (np.nan, np.nan)
+
+
+def build(version: int) -> Any:
+    """Make the compiled search, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def search(record, start, period, shortest, longest, least, wanted, correlation, place):
+        work = long_workspace(record.shape[1] - start, period, shortest, longest)
+        for i in range(record.shape[0]):
+            if wanted[i]:
+                height, lag = search_row(record[i], start, period, shortest, longest, least, work)
+                if height > least:
+                    correlation[i], place[i] = height, lag
+        return version
+
+    return search
+
+
+_search = build(VERSION)
+
+
+def reach(longest: int) -> int:
+    """Return how many samples must precede the window for lags up to `longest`."""
+    return -(-longest // COARSE) * COARSE + 2 * COARSE + BESIDE + 1
+
+
+def long_periods(
+    record: NDArray[np.float32],
+    start: int,
+    period: int,
+    lags: tuple[int, int],
+    least: float,
+    wanted: NDArray[np.bool_],
+    correlation: NDArray[np.float32],
+    place: NDArray[np.float32],
+) -> None:
+    """Replace correlation and period of the wanted cells that repeat after a long lag by those of that lag.
+
+    The correlation is that of the first test: the mean over the last five nominal periods, each with the same samples a
+    lag earlier, at the interior maximum of the quadratic through three neighbouring lags.
+
+    Parameters
+    ----------
+    record
+        (cells, start + samples) bridge force; the window, whole periods, is ``record[:, start:]``.
+    start
+        Samples before the window, `reach` of the longest lag or more.
+    period
+        Nominal period, samples.
+    lags
+        Shortest and longest lag, samples; the shortest is longer than the period.
+    least
+        Correlation that counts as periodic; what stays below changes nothing.
+    wanted
+        (cells,) where to look.
+    correlation, place
+        (cells,) results of the first test; changed in place. Place in samples.
+
+    Raises
+    ------
+    ValueError
+        Where the record does not reach far enough back, or the lags are not beyond the period.
+    """
+    shortest, longest = lags
+    samples = record.shape[1] - start
+    if not period < shortest < longest or start < reach(longest) or samples <= 0 or samples % period:
+        raise ValueError(
+            f"record {record.shape} with the window from {start}: lags {shortest} ... {longest} should lie beyond the "
+            f"period {period}, the window should hold whole periods, and {reach(longest)} samples should precede it"
+        )
+    _search(np.ascontiguousarray(record), start, period, shortest, longest, least, wanted, correlation, place)

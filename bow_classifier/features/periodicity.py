@@ -1,0 +1,258 @@
+"""The first test: is the bridge force periodic, and with which period (section III.B, PHYSICS.md section 7).
+
+For each integer lag around the nominal period, the Pearson correlation of each of the last five periods with the same
+window one lag earlier, averaged over the five; then the quadratic through three neighbouring lags at each interior
+local maximum. The largest counts; its place is the period. Eight cells at a time, each in a lane of its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_classifier.verdict.fingerprint import LEAN, VERSION
+from bow_sim.simd import lanes
+from bow_sim.simd.columns import columns
+from bow_sim.simd.jit import njit
+from bow_sim.simd.lanes import LANES, choose, root
+
+load: Any = lanes.load  # intrinsics are called without the first argument that their types ask for
+spread: Any = lanes.spread
+store: Any = lanes.store
+mask_of: Any = lanes.mask_of
+
+CONSTANT = 1e-13
+"""A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""
+
+_STEP = 4
+"""Lags, and samples, whose products are summed together: a sample once read is then used for several of them."""
+
+
+class Periodicity(NamedTuple):
+    """What the first test says of the cells of a block.
+
+    Attributes
+    ----------
+    correlation
+        (cells,) float32, -1 ... 1: the largest interior maximum; NaN where there is none.
+    period
+        (cells,) float32, samples: its place; NaN where there is none.
+    deviation
+        (cells,) float64, units of the bridge force: r.m.s. deviation from the mean over the whole window.
+    """
+
+    correlation: NDArray[np.float32]
+    period: NDArray[np.float32]
+    deviation: NDArray[np.float64]
+
+
+@njit(nogil=True, error_model="numpy")
+def workspace(samples, period, first, last):
+    """Return the arrays that `judge_eight` works in: samples, one row of eight, products, correlations."""
+    lags = -(-(last - first + 1) // _STEP) * _STEP
+    before = last + 1  # the sums slide one sample beyond the last lag
+    x = np.zeros((before + samples + _STEP) * LANES)
+    return x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES)
+
+
+@njit(**LEAN)
+def _take(rows, begin, start, x, level):
+    """Write the samples of eight rows from `begin` on to x, (samples, 8), flat, less each row's sample at `start`."""
+    end = rows.shape[1]
+    for row in range(LANES):
+        level[row] = np.float64(rows[row, start])  # near the mean: the sums then cancel less
+    less = load(level, 0)
+    for t in range(begin, end, LANES):
+        at = min(t, end - LANES)  # the last group goes back over samples that are already there
+        columns(rows, at, end, less, x, (at - begin) * LANES)
+
+
+@njit(**LEAN)
+def _moments(x, begin, n):
+    """Return the sums of x and of x squared over n samples."""
+    s, q, s_odd, q_odd = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+    at = begin * LANES
+    for _ in range(n // 2):
+        even, odd = load(x, at), load(x, at + LANES)
+        s, q = s + even, q + even * even
+        s_odd, q_odd = s_odd + odd, q_odd + odd * odd
+        at += 2 * LANES
+    if n % 2:
+        last = load(x, at)
+        s, q = s + last, q + last * last
+    return s + s_odd, q + q_odd
+
+
+@njit(**LEAN)
+def _products(x, begin, n, lag, products):
+    """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; four i at a time."""
+    for first in range(0, products.shape[0], _STEP * LANES):
+        now, past = begin * LANES, (begin - lag) * LANES + first
+        a = b = c = d = spread(0.0)
+        p, q, r = load(x, past), load(x, past + LANES), load(x, past + 2 * LANES)
+        for _ in range(n // _STEP):  # p, q, r and s are four successive samples; each step replaces the oldest
+            y, s = load(x, now), load(x, past + 3 * LANES)
+            a, b, c, d = a + y * p, b + y * q, c + y * r, d + y * s
+            y, p = load(x, now + LANES), load(x, past + 4 * LANES)
+            a, b, c, d = a + y * q, b + y * r, c + y * s, d + y * p
+            y, q = load(x, now + 2 * LANES), load(x, past + 5 * LANES)
+            a, b, c, d = a + y * r, b + y * s, c + y * p, d + y * q
+            y, r = load(x, now + 3 * LANES), load(x, past + 6 * LANES)
+            a, b, c, d = a + y * s, b + y * p, c + y * q, d + y * r
+            now += _STEP * LANES
+            past += _STEP * LANES
+        for _ in range(n % _STEP):
+            y, s = load(x, now), load(x, past + 3 * LANES)
+            a, b, c, d = a + y * p, b + y * q, c + y * r, d + y * s
+            p, q, r = q, r, s
+            now += LANES
+            past += LANES
+        store(products, first, a)
+        store(products, first + LANES, b)
+        store(products, first + 2 * LANES, c)
+        store(products, first + 3 * LANES, d)
+
+
+@njit(**LEAN)
+def _add_coefficient(products, at, mean, variation, total, square, floor, one_nth, r):
+    """Add Pearson's coefficient from sums over n samples to r; NaN where a window is constant."""
+    variation_b = square - total * total * one_nth
+    varies = (variation_b > square * CONSTANT) & (variation_b > floor)
+    coefficient = (load(products, at) - total * mean) / root(variation_b * variation)
+    store(r, at, load(r, at) + choose(varies, coefficient, np.nan))
+
+
+@njit(**LEAN)
+def _correlations(x, start, windows, n, first, last, products, r):
+    """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
+
+    They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
+    the window before, whose sums are known; at other lags they follow sample by sample.
+    """
+    r[:] = 0.0
+    one_nth = 1.0 / n
+    sum_total, sum_square = spread(0.0), spread(0.0)
+    earlier, earlier_square = _moments(x, start - n, n)
+    for w in range(windows):
+        begin = start + w * n
+        total, square = _moments(x, begin, n)
+        variation = square - total * total * one_nth
+        variation = choose(variation > square * CONSTANT, variation, np.nan)
+        mean, floor = total * one_nth, earlier_square * CONSTANT
+        _products(x, begin, n, last, products)
+        up, up_square = earlier, earlier_square
+        for lag in range(n, last + 1):
+            _add_coefficient(products, (last - lag) * LANES, mean, variation, up, up_square, floor, one_nth, r)
+            at = (begin - lag - 1) * LANES
+            enters, leaves = load(x, at), load(x, at + n * LANES)
+            up, up_square = up + (enters - leaves), up_square + (enters - leaves) * (enters + leaves)
+        for lag in range(n - 1, first - 1, -1):
+            at = (begin - lag - 1) * LANES
+            enters, leaves = load(x, at + n * LANES), load(x, at)
+            earlier, earlier_square = (
+                earlier + (enters - leaves),
+                earlier_square + (enters - leaves) * (enters + leaves),
+            )
+            _add_coefficient(
+                products, (last - lag) * LANES, mean, variation, earlier, earlier_square, floor, one_nth, r
+            )
+        earlier, earlier_square = total, square
+        sum_total, sum_square = sum_total + total, sum_square + square
+    for i in range(0, r.shape[0], LANES):
+        store(r, i, load(r, i) / windows)
+    return sum_total, sum_square
+
+
+@njit(**LEAN)
+def _best_maximum(r):
+    """Return height and place of the largest interior maximum of r; NaN where there is none."""
+    height, place = spread(-np.inf), spread(np.nan)
+    above = load(r, r.shape[0] - LANES)
+    falls = mask_of(np.uint8(0))  # where what follows is, after equal ones, lower: a flat top falls on its far side
+    for i in range(r.shape[0] // LANES - 2, 0, -1):
+        here, below = load(r, i * LANES), load(r, (i - 1) * LANES)
+        falls = (above < here) | ((above <= here) & (above >= here) & falls)
+        slope = (above - below) * 0.5
+        bend = here * 2.0 - above - below
+        top = here + slope * slope * 0.5 / bend
+        better = (below < here) & falls & (top >= height)  # of equal ones the first in r
+        height, place = choose(better, top, height), choose(better, slope / bend + np.float64(i), place)
+        above = here
+    height = choose(height > -np.inf, height, np.nan)
+    return choose(height > 1.0, spread(1.0), height), place  # a parabola may rise above what a correlation can be
+
+
+@njit(**LEAN)
+def judge_eight(rows, start, period, first, last, work, height, lag, deviation):
+    """Write height and lag of the best maximum, and the r.m.s. deviation, of eight rows to arrays of eight."""
+    x, level, products, r = work
+    samples = rows.shape[1] - start
+    before = last + 1
+    _take(rows, start - before, start, x, level)
+    total, square = _correlations(x, before, samples // period, period, first, last, products, r)
+    best, place = _best_maximum(r)
+    store(height, 0, best)
+    store(lag, 0, -place + np.float64(last))
+    variance = (square - total * total / samples) / samples
+    store(deviation, 0, root(choose(variance > 0.0, variance, 0.0)))
+
+
+def build(version: int) -> Any:
+    """Make the compiled test, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
+
+    @njit(nogil=True, cache=True, error_model="numpy")
+    def test(record, start, period, first, last, correlation, place, deviation):
+        cells, end = record.shape
+        work = workspace(end - start, period, first, last)
+        rows = np.empty((LANES, end), np.float32)
+        eight = np.empty(LANES), np.empty(LANES), np.empty(LANES)
+        for group in range(0, cells, LANES):
+            for lane in range(LANES):
+                i = min(group + lane, cells - 1)
+                for t in range(end):
+                    rows[lane, t] = record[i, t]
+            judge_eight(rows, start, period, first, last, work, *eight)
+            for i in range(group, min(group + LANES, cells)):
+                correlation[i], place[i], deviation[i] = eight[0][i - group], eight[1][i - group], eight[2][i - group]
+        return version
+
+    return test
+
+
+_periodicity = build(VERSION)
+
+
+def periodicity(record: NDArray[np.float32], start: int, period: int, lags: tuple[int, int]) -> Periodicity:
+    """Return correlation, period and loudness of every cell over the last five periods.
+
+    Parameters
+    ----------
+    record
+        (cells, start + 5 * period) bridge force; the window is ``record[:, start:]``, what precedes it came before
+        (0 before t = 0: windows that are constant have no correlation, so the first five periods seldom have one).
+    start
+        Samples before the window, more than the longest lag.
+    period
+        Nominal period in samples: length of each correlated window.
+    lags
+        First and last lag, samples, both included; the nominal period lies between them.
+
+    Raises
+    ------
+    ValueError
+        Where the record is too short, or the lags do not enclose the period.
+    """
+    first, last = lags
+    samples = record.shape[1] - start
+    if not 0 < first < period < last < start or samples < LANES or samples % period:
+        raise ValueError(
+            f"record {record.shape} with the window from {start}: lags {first} ... {last} should enclose the period "
+            f"{period}, the window should hold whole periods, {LANES} samples or more, and more than {last} samples "
+            "should precede it"
+        )
+    cells = record.shape[0]
+    result = Periodicity(np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells))
+    _periodicity(np.ascontiguousarray(record), start, period, first, last, *result)
+    return result

@@ -1,0 +1,117 @@
+"""Paper for line figures: the house's print style, a page with its title and caption, and the file it becomes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from bow_sim.atomic_files import replacing
+
+STYLE: Any = {
+    "font.family": "DejaVu Sans",
+    "mathtext.fontset": "dejavusans",
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.minor.width": 0.5,
+    "ytick.minor.width": 0.5,
+    "svg.hashsalt": "bow",
+    "pdf.fonttype": 42,
+}
+"""The print style of all figures, the maps of `bow_sweep.view` too."""
+
+MUTED = "0.35"
+BLUE, ORANGE, GREEN = "#1f4e79", "#c8551b", "#00795a"
+"""One waveform is blue; a second and a third are orange and green: they differ in lightness too."""
+
+DPI = 200
+INCHES = 7.2
+"""Width of a page."""
+
+METADATA: dict[str, dict[str, None]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""Kinds of pictures, and what is left out of each file so that the same figure gives the same bytes."""
+
+_MARGIN, _TOP = 0.12, 0.58
+
+
+class FigureError(ValueError):
+    """A figure that there is not, or a file that it cannot become; says which and what would do."""
+
+
+class Page:
+    """A figure under construction: title and caption above, axes below.
+
+    Parameters
+    ----------
+    height : float
+        Inches of the whole page.
+    title : str
+        Which figure of the paper, and of what.
+    caption : str
+        Parameters, one line.
+    """
+
+    def __init__(self, height: float, title: str, caption: str) -> None:
+        self.figure = Figure(figsize=(INCHES, height), dpi=DPI, facecolor="white", layout="constrained")
+        FigureCanvasAgg(self.figure)
+        engine: Any = self.figure.get_layout_engine()
+        engine.set(rect=(0.005, 0.01, 0.985, 1 - _TOP / height - 0.01), h_pad=0.06, w_pad=0.05)
+        number, _, words = title.partition("  ")
+        at: Any = {"x": _MARGIN / INCHES, "ha": "left"}
+        self.figure.text(y=1 - 0.24 / height, s=f"{number}   {words}", fontsize=11, fontweight="bold", **at)
+        self.figure.text(y=1 - 0.46 / height, s=caption, fontsize=7.8, color=MUTED, **at)
+
+    def panels(self, rows: int, **options: Any) -> list[Any]:
+        """Return one column of axes, top to bottom."""
+        grid = self.figure.subplots(rows, 1, squeeze=False, **options)
+        return [axis for (axis,) in grid]
+
+
+def style() -> Any:
+    """Return the settings of print, a context for as long as a figure is built or written."""
+    return mpl.rc_context(STYLE)
+
+
+def check_path(path: str | Path) -> Path:
+    """Return the path of a picture.
+
+    Raises
+    ------
+    FigureError
+        For another suffix than .png, .svg and .pdf.
+    """
+    place = Path(path)
+    if place.suffix.lower() not in METADATA:
+        what = place.suffix or "a file without a suffix"
+        raise FigureError(f"{place}: cannot draw as {what}; should end in {', '.join(METADATA)}")
+    return place
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure; the suffix decides its kind. Readers see the old file or the new one, never half of it.
+
+    Raises
+    ------
+    FigureError
+        For another suffix than .png, .svg and .pdf.
+    OSError
+        Where the file cannot be written.
+    """
+    place = check_path(path)
+    kind = place.suffix.lower()
+    options: Any = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
+    if kind == ".png":
+        options["pil_kwargs"] = {"compress_level": 1}  # a third less time, for a tenth more bytes
+    with style(), replacing(place) as file:  # the salt of an .svg's identifiers is read now
+        figure.savefig(file, **options)

@@ -1,0 +1,255 @@
+"""Blocks of cells, computed five periods at a time; the face of the compiled time loop.
+
+A cell's result does not depend, in any bit, on which cells it is computed with: every operation
+in the loop is exactly rounded and none is fused or reordered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bow_sim.kernel import time_loop
+from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.physics import friction, gesture
+from bow_sim.physics.cells import Cells, cells
+from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection_text import Reflection
+from bow_sim.simd.lanes import LANES, aligned
+
+STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
+"""Numbers of taps (bridge, nut, torsion at bridge and nut) with a kernel of their own: delta/Cremer and stiff/Cremer.
+
+Everything else shares one kernel that takes any number; it is slower, and compiled once."""
+
+TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
+"""What :func:`transient` returns, in the order of the kernel's traces."""
+
+
+_advance = time_loop.build(int(source_hash()[:15], 16))
+
+
+class ChunkResult(NamedTuple):
+    """Five periods of a block.
+
+    Parameters
+    ----------
+    bridge_force : ndarray of float32, shape (cells, samples), C-contiguous
+        Outgoing velocity wave towards the bridge, final bow speed = 1 (paper Fig 6(c)).
+    slipping : ndarray of uint8, shape (cells,)
+        1 = slipping after the last step before this chunk.
+    offsets : ndarray of uint32, shape (cells + 1,)
+        The intervals of cell i are ``offsets[i] ... offsets[i + 1] - 1``.
+    onset, duration : ndarray of uint32, shape (intervals,)
+        First slipping sample, from the start of the chunk, and number of samples within it.
+    slip : ndarray of float64, shape (intervals,)
+        Sum of the slip speed ``v_b(t) - v`` over those samples; N = 139 is a whole Helmholtz slip.
+    """
+
+    bridge_force: NDArray[np.float32]
+    slipping: NDArray[np.uint8]
+    offsets: NDArray[np.uint32]
+    onset: NDArray[np.uint32]
+    duration: NDArray[np.uint32]
+    slip: NDArray[np.float64]
+
+
+class Block:
+    """Cells computed together, five periods at a time.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What all cells share.
+    lanes : Mapping[str, array_like], each of shape (cells,)
+        What differs: values by the name of any parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
+    trace : bool
+        Keep every waveform of the latest chunk in ``traces``, shape (6, samples, at least cells), as named in
+        :data:`TRACES`, the friction force still times ``y``.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, cell and value that is wrong.
+    """
+
+    _kernel = staticmethod(_advance)  # a friction law from outside needs ``loop.build(0)``, which is not cached
+
+    def __init__(self, parameters: Parameters, lanes: Mapping[str, ArrayLike], *, trace: bool = False) -> None:
+        self.parameters = parameters
+        self.chunk = 0
+        self._cells = described = cells(parameters, lanes)
+        self._count = described.count
+        self._groups = -(-described.count // LANES)
+        self._dtype = np.dtype(parameters.dtype)
+        samples, width = parameters.chunk_samples, self._groups * LANES
+
+        functions = [[getattr(e, side) for e in described.ends] for side in time_loop.SIDES]
+        self._own_tables = bool({"tau_f", "tau_v", "acceleration"} & described.lanes.keys())
+        self._general = (
+            trace
+            or self._own_tables
+            or len(described.ends) > 1
+            or tuple(len(same[0].taps) for same in functions) not in STANDARD
+        )
+        make = self._general_side if self._general else self._standard_side
+        self._sides = tuple(make(same) for same in functions)
+        self._law = self._lanes_of(self._make_law(described))
+        self._levels = self._lanes_of(
+            gesture.levels(parameters.gesture, *(described.value(name) for name in ("f_asym", "f_init_ratio", "v_b")))
+        )
+        y = described.of_ends("y")
+        self._share_t = self._lane(described.of_ends("y_t") / 2 / y)
+        self._share_r = self._lane(described.of_ends("y_r") / 2 / y)
+        self._slipping = np.zeros(self._groups, np.uint8)
+        self._totals = aligned((time_loop.STRIDE + 1, LANES), self._dtype)
+        most = samples // 2 + 1  # a slip and a stick of one sample each, for ever
+        self._intervals = (
+            np.zeros(width, np.int64),
+            np.empty((width, most), np.uint32),
+            np.empty((width, most), np.uint32),
+            np.empty((width, most), np.float64),
+        )
+        self.traces: NDArray[Any] | None = aligned((len(TRACES), samples, width), self._dtype) if trace else None
+
+    def advance(self) -> ChunkResult:
+        """Compute the next five periods.
+
+        Returns
+        -------
+        ChunkResult
+            Arrays of its own; later calls don't change them.
+        """
+        samples = self.parameters.chunk_samples
+        start = self.chunk * samples
+        force, speed = self._tables(start, samples)
+        shapes = time_loop.Gesture(**self._levels._asdict(), force=force, speed=speed)
+        bridge_force = np.empty((self._groups * LANES, samples), np.float32)
+        slipping = np.unpackbits(self._slipping, bitorder="little")[: self._count]
+        self._kernel(
+            start, samples, self._sides, self._law, shapes, self._share_t, self._share_r,
+            self._slipping, self._totals, bridge_force, self._intervals, self.traces,
+        )  # fmt: skip
+        offsets = np.zeros(self._count + 1, np.uint32)
+        np.cumsum(self._intervals[0][: self._count], out=offsets[1:])
+        size = int(offsets[-1])
+        onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.float64)
+        time_loop.collect(self._intervals, offsets, onset, duration, slip)
+        self.chunk += 1
+        return ChunkResult(bridge_force[: self._count], slipping, offsets, onset, duration, slip)
+
+    def _make_law(self, described: Cells) -> Any:
+        """Return the friction law, a named tuple of arrays over cells."""
+        return friction.law_of(described)
+
+    def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """The gesture's shapes in this chunk: (samples,), or each lane's own, (groups, samples, 8)."""
+        if self._own_tables:
+            force, speed = gesture.shapes_of_cells(self._cells, start, samples)
+        else:
+            force, speed = gesture.shapes(self.parameters, start, samples)
+        return self._table(force), self._table(speed)
+
+    def _table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
+        """Lay out shapes for the kernel: those of cells, (cells, samples), as lanes; one that all share as it is."""
+        if shape.ndim == 1:
+            return shape.astype(self._dtype)
+        table: NDArray[Any] = np.empty((self._groups, shape.shape[1], LANES), self._dtype)
+        table[:] = self._padded(shape).reshape(self._groups, LANES, -1).transpose(0, 2, 1)
+        return table
+
+    def _padded(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Repeat the last cell until the lanes are full; what they compute is left out of the results."""
+        missing = self._groups * LANES - len(values)
+        return np.concatenate([values, np.repeat(values[-1:], missing, axis=0)]) if missing else values
+
+    def _lane(self, values: NDArray[np.float64]) -> NDArray[Any]:
+        lanes: NDArray[Any] = aligned((self._groups * LANES,), self._dtype)
+        lanes[:] = self._padded(values)
+        return lanes
+
+    def _lanes_of(self, values: Any) -> Any:
+        """Turn a named tuple of arrays over cells into one of arrays over lanes."""
+        return type(values)(*(self._lane(x) for x in values))
+
+    def _ring(self, last: int, taps: int) -> dict[str, Any]:
+        guard = taps + time_loop.STRIDE - 1  # the rows that a window of eight steps reads
+        length = max(last, guard)
+        return {
+            "ring": aligned((self._groups, length + guard, LANES), self._dtype),
+            "length": length,
+            "guard": guard,
+            "arrived": aligned((time_loop.STRIDE, LANES), self._dtype),
+        }
+
+    def _standard_side(self, same: list[Reflection]) -> time_loop.Side:
+        """Make a side whose taps, a tuple, are part of the kernel's type."""
+        r = same[0]
+        tail = None
+        if r.tail:
+            one = np.ones(self._count)
+            gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
+            tail = time_loop.Tail(gain, pole, state, np.full(self._groups, r.tail_first), None)
+        return time_loop.Side(
+            taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
+            last=np.full(self._groups, r.first + len(r.taps) - 1),
+            ahead=np.full(self._groups, r.soonest),
+            tail=tail,
+            **self._ring(r.last, len(r.taps)),
+        )
+
+    def _general_side(self, same: list[Reflection]) -> time_loop.Side:
+        """Make a side with any taps for each cell: each group of eight has a window that holds all of its lags."""
+        each = same * self._count if len(same) == 1 else same
+        each = each + each[-1:] * (self._groups * LANES - len(each))
+        taps, last = self._windows([(r.first, r.taps) for r in each])
+        tails, tail_last = self._windows([(r.tail_first if r.tail else r.first, (1.0,)) for r in each])
+        gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
+        return time_loop.Side(
+            taps=taps,
+            last=last,
+            ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
+            tail=time_loop.Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
+            **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
+        )
+
+    def _windows(self, functions: list[tuple[int, tuple[float, ...]]]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+        """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8), and each group's greatest lag."""
+        first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
+        last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
+        size = int((last - first.min(axis=1)).max()) + 1
+        table: NDArray[Any] = aligned((self._groups, size, LANES), self._dtype)
+        for i, (lag, taps) in enumerate(functions):
+            group, lane = divmod(i, LANES)
+            oldest = last[group] - (lag + len(taps) - 1)
+            table[group, oldest : oldest + len(taps), lane] = taps[::-1]
+        return table, last
+
+
+def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:
+    """Compute one cell with every waveform.
+
+    Parameters
+    ----------
+    parameters : Parameters
+
+    Returns
+    -------
+    dict of str to ndarray, shape (samples,)
+        ``bridge_force``, ``v`` (string surface), ``v_h``, ``v_centre`` and ``friction_force``, float64, final bow speed
+        = 1; ``slipping``, bool, the state after the step.
+    """
+    block = Block(parameters, {"f_asym": [parameters.f_asym]}, trace=True)
+    (y,) = block._cells.of_ends("y")
+    parts = []
+    for _ in range(parameters.chunks):
+        block.advance()
+        assert block.traces is not None
+        parts.append(block.traces[:, :, 0].astype(np.float64))
+    waveforms: dict[str, NDArray[Any]] = dict(zip(TRACES, np.concatenate(parts, axis=1), strict=True))
+    waveforms["friction_force"] = waveforms["friction_force"] / y
+    waveforms["slipping"] = waveforms["slipping"] != 0
+    return waveforms

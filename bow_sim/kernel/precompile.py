@@ -1,0 +1,54 @@
+"""Compile and cache the kernels that sweeps and transients use: ``python -m bow_sim.kernel.precompile``.
+
+Numba keeps them beside the sources, for every process; a second run only loads them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+
+from bow_sim.kernel.block import Block, transient
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
+
+
+def warm(dtype: str) -> None:
+    """Run every kernel of an arithmetic once, and print how long each took.
+
+    Parameters
+    ----------
+    dtype : str
+        One of :data:`bow_sim.physics.parameters.DTYPES`.
+    """
+    delta = Parameters(model="delta_cremer", dtype=dtype, periods=CHUNK_PERIODS)
+    stiff = delta.replace(model="stiff_cremer")
+    raman = delta.replace(model="raman")
+    jobs = (
+        ("delta/Cremer", lambda: Block(delta, {"f_asym": [delta.f_asym]}).advance()),
+        ("stiff/Cremer", lambda: Block(stiff, {"f_asym": [stiff.f_asym]}).advance()),
+        ("any other model", lambda: Block(raman, {"f_asym": [raman.f_asym]}).advance()),
+        ("any model, time constants that differ", lambda: Block(raman, {"tau_f": [raman.tau_f]}).advance()),
+        ("transients", lambda: transient(delta)),
+    )
+    for name, job in jobs:
+        started = time.perf_counter()
+        job()
+        print(f"  {dtype} {name}: {time.perf_counter() - started:.2f} s", flush=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Warm the kernels of float64, and of float32 where asked."""
+    parser = argparse.ArgumentParser(
+        prog="python -m bow_sim.kernel.precompile", description="Compile and cache the kernels."
+    )
+    parser.add_argument("--float32", action="store_true", help="those of float32 too, which few sweeps use")
+    chosen = parser.parse_args(arguments)
+    print(f"kernel {fingerprint()}", flush=True)
+    for dtype in DTYPES if chosen.float32 else DTYPES[:1]:
+        warm(dtype)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,398 @@
+"""The time loop: eight cells at a time, each exactly as if it were alone.
+
+Compiled code only; :mod:`bow_sim.kernel.block` is its face. One source serves every model: Numba compiles
+it for the types it is given, and the number of taps is part of the type where taps are a tuple.
+
+A reflection function whose least lag is m can be applied to m future steps at once, since what arrives
+then has already left. So arrivals are computed ahead, up to eight steps, reading each sample once; what is
+left for a step is friction and four sums. The outgoing waves live in rings no longer than the greatest lag
+asks, so that the state of eight cells stays in the first-level cache.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from bow_sim.physics.friction import solve
+from bow_sim.simd.jit import INLINE, njit, overload
+from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, spread, store
+from bow_sim.simd.rows import fir_of, transpose
+
+STRIDE = 64 // LANES
+"""Steps computed between two looks at what happened: their states fill a word, their waves a square to transpose."""
+
+SIDES = ("bridge", "nut", "torsion_bridge", "torsion_nut")
+"""The four ways out of the bow and back, in the order of the kernel's argument."""
+
+
+class Tail(NamedTuple):
+    """Exponential tail of a reflection function: ``z = pole z + gain x[t - first]`` is added to what arrives.
+
+    Parameters
+    ----------
+    gain, pole, state : ndarray, shape (lanes,)
+    last : ndarray, shape (groups,)
+        The lag at which the tail begins; where ``taps`` are given, the lag of the first of them.
+    taps : None, or ndarray, shape (groups, taps, 8)
+        Picks each lane's own lag: one 1 among zeros.
+    """
+
+    gain: Any
+    pole: Any
+    state: Any
+    last: Any
+    taps: Any
+
+
+class Side(NamedTuple):
+    """One way out of the bow and back, for all groups of eight cells.
+
+    Parameters
+    ----------
+    taps : tuple of float, or ndarray, shape (groups, taps, 8)
+        Coefficients, that of the greatest lag first: common to all cells, or each cell's own.
+    last : ndarray, shape (groups,)
+        The greatest lag of the taps, samples.
+    ahead : ndarray, shape (groups,)
+        The least lag: how many steps can be computed at once.
+    tail : Tail or None
+    ring : ndarray, shape (groups, length + guard, 8)
+        Outgoing wave in ``length`` rows, of which the first ``guard`` are repeated at the end, so that no window
+        of rows has to wrap.
+    length, guard : int
+        Rows.
+    arrived : ndarray, shape (8, 8)
+        Incoming wave in the eight steps under way.
+    """
+
+    taps: Any
+    last: Any
+    ahead: Any
+    tail: Any
+    ring: Any
+    length: Any
+    guard: Any
+    arrived: Any
+
+
+class Gesture(NamedTuple):
+    """``f_b(t) = f_end + f_step force(t)`` and ``v_b(t) = v_0 + v_1 speed(t)``; see :mod:`bow_sim.physics.gesture`.
+
+    Parameters
+    ----------
+    f_end, f_step, v_0, v_1 : ndarray, shape (lanes,)
+    force, speed : ndarray, shape (samples,), or each cell's own, (groups, samples, 8)
+    """
+
+    f_end: Any
+    f_step: Any
+    v_0: Any
+    v_1: Any
+    force: Any
+    speed: Any
+
+
+_fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
+
+
+def _convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+    """Compute rows u ... u + n - 1 of ``out``; the window of the first begins at flat index i of x."""
+    raise NotImplementedError
+
+
+@overload(_convolve, strict=False, jit_options=INLINE)
+def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
+    if isinstance(taps, types.BaseTuple):
+
+        def common(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+            if n == STRIDE:
+                _fir8(taps, x, i, out, u * LANES, LANES)
+            else:
+                r = 0
+                while r + 2 <= n:
+                    _fir2(taps, x, i + r * LANES, out, (u + r) * LANES, LANES)
+                    r += 2
+                if r < n:
+                    _fir1(taps, x, i + r * LANES, out, (u + r) * LANES, LANES)
+
+        return common
+
+    nothing = getattr(np, str(taps.dtype))(0)
+
+    def each(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+        count = taps.shape[1]
+        base = group * count * LANES
+        r = 0
+        while r + 4 <= n:  # four steps at a time, to read each tap once
+            a = b = c = d = spread(nothing)
+            j = i + r * LANES
+            for k in range(count):
+                tap = load(taps, base + k * LANES)
+                a = a + tap * load(x, j)
+                b = b + tap * load(x, j + LANES)
+                c = c + tap * load(x, j + 2 * LANES)
+                d = d + tap * load(x, j + 3 * LANES)
+                j += LANES
+            store(out, (u + r) * LANES, a)
+            store(out, (u + r + 1) * LANES, b)
+            store(out, (u + r + 2) * LANES, c)
+            store(out, (u + r + 3) * LANES, d)
+            r += 4
+        while r < n:
+            a = spread(nothing)
+            j = i + r * LANES
+            for k in range(count):
+                a = a + load(taps, base + k * LANES) * load(x, j)
+                j += LANES
+            store(out, (u + r) * LANES, a)
+            r += 1
+
+    return each
+
+
+@njit(**INLINE)
+def _row(position: Any, length: Any) -> Any:
+    """Wrap a row that may lie before the ring's first."""
+    return position + length if position < 0 else position
+
+
+def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+    """Return what left the bow when the tail begins: row ``row``, or each lane's own row from there on."""
+    raise NotImplementedError
+
+
+@overload(_delayed, strict=False, jit_options=INLINE)
+def _overload_delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+    if isinstance(taps, types.NoneType):
+        return lambda taps, group, ring, row: load(ring, row * LANES)
+    nothing = getattr(np, str(ring.dtype))(0)
+
+    def pick(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+        x = spread(nothing)
+        for k in range(taps.shape[1]):
+            x = x + load(taps, (group * taps.shape[1] + k) * LANES) * load(ring, (row + k) * LANES)
+        return x
+
+    return pick
+
+
+def _add_tail(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> None:
+    """Add the exponential tail, if there is one, to rows u ... u + n - 1 of what arrives."""
+    raise NotImplementedError
+
+
+@overload(_add_tail, strict=False, jit_options=INLINE)
+def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> Any:
+    if isinstance(tail, types.NoneType):
+        return lambda side, tail, group, start, position, u, n: None
+
+    def add(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> None:
+        z = load(tail.state, group * LANES)
+        pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
+        for r in range(n):
+            row = _row(position + r - tail.last[group], side.length)
+            x = _delayed(tail.taps, group, side.ring, start + row)
+            z = pole * z + gain * x
+            store(side.arrived, (u + r) * LANES, load(side.arrived, (u + r) * LANES) + z)
+        store(tail.state, group * LANES, z)
+
+    return add
+
+
+@njit(**INLINE)
+def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
+    """Compute what arrives from step u on, as far as it has left, and return the first step that has to wait."""
+    n = min(side.ahead[group], steps - u)
+    start = group * (side.length + side.guard)
+    oldest = start + _row(position - side.last[group], side.length)
+    _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, u, n)
+    _add_tail(side, side.tail, group, start, position, u, n)
+    return u + n
+
+
+@njit(**INLINE)
+def _send(side: Any, group: Any, position: Any, wave: Any) -> Any:
+    """Put a step of an outgoing wave into its ring and return the next row."""
+    row = group * (side.length + side.guard) + position
+    store(side.ring, row * LANES, wave)
+    if position < side.guard:
+        store(side.ring, (row + side.length) * LANES, wave)
+    position += 1
+    return 0 if position == side.length else position
+
+
+def _shape(table: Any, group: Any, t: Any) -> Any:
+    """Return a gesture's shape at a step, eight lanes."""
+    raise NotImplementedError
+
+
+@overload(_shape, strict=False, jit_options=INLINE)
+def _overload_shape(table: Any, group: Any, t: Any) -> Any:
+    if table.ndim == 1:
+        return lambda table, group, t: spread(table[t])
+    return lambda table, group, t: load(table, (group * table.shape[1] + t) * LANES)
+
+
+def _keep(traces: Any, i: Any, waves: Any) -> None:
+    """Keep the waveforms of a step, if they are wanted: lanes i ... i + 7 of each trace."""
+    raise NotImplementedError
+
+
+@overload(_keep, strict=False, jit_options=INLINE)
+def _overload_keep(traces: Any, i: Any, waves: Any) -> Any:
+    if isinstance(traces, types.NoneType):
+        return lambda traces, i, waves: None
+
+    def keep(traces: Any, i: Any, waves: Any) -> None:
+        size = traces.shape[1] * traces.shape[2]
+        for k in range(len(waves)):
+            store(traces, i + k * size, waves[k])
+
+    return keep
+
+
+@njit(**INLINE)
+def _note(word: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, intervals: Any) -> None:
+    """Note where slips begin and end within the steps of a word of states, eight lanes a step."""
+    count, onset, duration, slip = intervals
+    edges = word ^ ((word << np.uint64(LANES)) | before)
+    if steps < STRIDE:
+        edges &= (np.uint64(1) << np.uint64(LANES * steps)) - np.uint64(1)
+    while edges != np.uint64(0):
+        place = lowest_bit(edges)
+        edges &= edges - np.uint64(1)
+        u, lane = place // LANES, place % LANES
+        cell = base + lane
+        k = count[cell]
+        if (word >> np.uint64(place)) & np.uint64(1):
+            onset[cell, k] = t0 + u
+        else:
+            duration[cell, k] = t0 + u - onset[cell, k]
+            slip[cell, k] = totals[u, lane]
+            count[cell] = k + 1
+
+
+@njit(**INLINE)
+def _close(slipping: Any, samples: Any, base: Any, totals: Any, intervals: Any) -> None:
+    """Cut the slips that go on at the border of the chunk."""
+    count, onset, duration, slip = intervals
+    for lane in range(LANES):
+        if (slipping >> lane) & 1:
+            cell = base + lane
+            k = count[cell]
+            duration[cell, k] = samples - onset[cell, k]
+            slip[cell, k] = totals[0, lane]
+            count[cell] = k + 1
+
+
+@njit(**INLINE)
+def _write(ring: Any, i: Any, steps: Any, out: Any, base: Any, t0: Any) -> None:
+    """Write rows from flat index i of a ring into ``out`` (cells, samples) as float32."""
+    if steps == STRIDE:
+        transpose(ring, i, LANES, out, base * out.shape[1] + t0, out.shape[1])
+    else:
+        for u in range(steps):
+            row = i // LANES + u
+            for lane in range(LANES):
+                out[base + lane, t0 + u] = ring[row // ring.shape[1], row % ring.shape[1], lane]
+
+
+def build(version: int) -> Any:
+    """Make the kernel.
+
+    Parameters
+    ----------
+    version : int
+        Hash of its sources. Numba's cache watches the date of one file only, and this kernel is made of several;
+        but what a closure holds is part of the cache's key, so a cached kernel is never stale. 0 for a kernel that
+        is not cached, with a friction law that other processes may not know.
+    """
+
+    @njit(nogil=True, cache=version != 0, error_model="numpy", _nrt=False)
+    def advance(
+        start: Any,
+        samples: Any,
+        sides: Any,
+        law: Any,
+        gesture: Any,
+        share_t: Any,
+        share_r: Any,
+        slipping: Any,
+        totals: Any,
+        out: Any,
+        intervals: Any,
+        traces: Any,
+    ) -> Any:
+        # Section 2 of PHYSICS.md; out: (lanes, samples) float32, slipping: (groups,) one bit a lane, totals: (9, 8)
+        # sums of slip speed, the row of a step one below its place; intervals: counts and arrays (lanes, most).
+        bridge, nut, torsion_bridge, torsion_nut = sides
+        for group in range(slipping.shape[0]):
+            base = group * LANES
+            c_t, c_r = load(share_t, base), load(share_r, base)
+            f_end, f_step = load(gesture.f_end, base), load(gesture.f_step, base)
+            v_0, v_1 = load(gesture.v_0, base), load(gesture.v_1, base)
+            slips = mask_of(slipping[group])
+            zero = c_t * 0.0
+            total = zero
+            before = np.uint64(0)  # as if sticking: a slip that goes on begins anew in this chunk
+            intervals[0][base : base + LANES] = 0
+            at_b, at_n = start % bridge.length, start % nut.length
+            at_rb, at_rn = start % torsion_bridge.length, start % torsion_nut.length
+            for t0 in range(0, samples, STRIDE):
+                steps = min(STRIDE, samples - t0)
+                due_b = due_n = due_rb = due_rn = 0
+                first = at_b
+                word = np.uint64(0)
+                store(totals, 0, total)
+                for u in range(steps):
+                    if u == due_b:
+                        due_b = _fill(bridge, group, u, steps, at_b)
+                    if u == due_n:
+                        due_n = _fill(nut, group, u, steps, at_n)
+                    if u == due_rb:
+                        due_rb = _fill(torsion_bridge, group, u, steps, at_rb)
+                    if u == due_rn:
+                        due_rn = _fill(torsion_nut, group, u, steps, at_rn)
+                    in_b, in_n = load(bridge.arrived, u * LANES), load(nut.arrived, u * LANES)
+                    in_rb, in_rn = load(torsion_bridge.arrived, u * LANES), load(torsion_nut.arrived, u * LANES)
+                    f_b = f_end + f_step * _shape(gesture.force, group, t0 + u)
+                    v_b = v_0 + v_1 * _shape(gesture.speed, group, t0 + u)
+                    v_h = in_b + in_n + in_rn + in_rb  # the latest to be known comes last
+                    d = v_b - v_h
+                    s, slips = solve(law, base, d, f_b, slips)
+                    push = d - s  # Y f
+                    push_t, push_r = c_t * push, c_r * push
+                    out_b = in_n + push_t
+                    at_b = _send(bridge, group, at_b, out_b)
+                    at_n = _send(nut, group, at_n, in_b + push_t)
+                    at_rb = _send(torsion_bridge, group, at_rb, in_rn + push_r)
+                    at_rn = _send(torsion_nut, group, at_rn, in_rb + push_r)
+                    total = choose(slips, total + s, 0.0)
+                    store(totals, (u + 1) * LANES, total)
+                    word |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
+                    waves = (out_b, v_b - s, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
+                    _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
+                _write(bridge.ring, (group * (bridge.length + bridge.guard) + first) * LANES, steps, out, base, t0)
+                _note(word, before, steps, t0, base, totals, intervals)
+                before = word >> np.uint64(LANES * (steps - 1))
+            slipping[group] = bits_of(slips)
+            store(totals, 0, total)
+            _close(slipping[group], samples, base, totals, intervals)
+        return version
+
+    return advance
+
+
+@njit(nogil=True, cache=True, _nrt=False)
+def collect(intervals: Any, offsets: Any, onset: Any, duration: Any, slip: Any) -> None:
+    """Put the intervals of all cells one after another; arguments as in ``kernel.ChunkResult``."""
+    _, onsets, durations, slips = intervals
+    for cell in range(offsets.shape[0] - 1):
+        start = offsets[cell]
+        for k in range(offsets[cell + 1] - start):
+            onset[start + k] = onsets[cell, k]
+            duration[start + k] = durations[cell, k]
+            slip[start + k] = slips[cell, k]

@@ -1,0 +1,117 @@
+"""Many cells that differ in a few parameters, as arrays: what the kernel's lanes are made of."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import FIELDS, SWEEPABLE, TYPES, Parameters, Range, check_friction
+from bow_sim.physics.reflection import Ends, ends
+
+FREE = frozenset({"f_asym", "f_init_ratio", "tau_f", "tau_v", "acceleration", "v_b", "mu_s", "mu_d", "v_mid"})
+"""Parameters of gesture and friction. The other sweepable ones change the reflection functions."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Parameters of the cells of a block.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What all cells share.
+    lanes : dict of str to ndarray, shape (cells,)
+        What differs, by the name of the parameter.
+    ends : tuple of Ends, one per cell, or a single one that all share
+    """
+
+    parameters: Parameters
+    lanes: dict[str, NDArray[np.float64]]
+    ends: tuple[Ends, ...]
+
+    @property
+    def count(self) -> int:
+        """How many cells."""
+        return len(next(iter(self.lanes.values())))
+
+    def value(self, name: str) -> NDArray[np.float64]:
+        """Return a number of every cell, shape (cells,)."""
+        given = self.lanes.get(name)
+        return np.full(self.count, float(getattr(self.parameters, name))) if given is None else given
+
+    def of_ends(self, name: str) -> NDArray[np.float64]:
+        """Return an admittance (``y_t``, ``y_r`` or ``y``) of every cell, shape (cells,)."""
+        values = np.array([getattr(e, name) for e in self.ends])
+        return np.full(self.count, values[0]) if len(values) == 1 else values
+
+
+def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
+    """Check what differs between cells and work out their reflection functions.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        What all cells share.
+    lanes : Mapping[str, array_like], each of shape (cells,)
+        Values by the name of a parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
+
+    Raises
+    ------
+    ParameterError
+        Naming ``lanes.<parameter>[<cell>]`` and the value.
+    """
+    arrays = {name: _lane(name, values) for name, values in lanes.items()}
+    sizes = {name: len(values) for name, values in arrays.items()}
+    if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
+        raise ParameterError(f"lanes: lengths {sizes}: must be one or more arrays of one length, at least 1")
+    plain = Cells(parameters, arrays, ())
+    mu_s, mu_d, v_mid, v_b = (plain.value(name) for name in ("mu_s", "mu_d", "v_mid", "v_b"))
+    for i in np.flatnonzero(~((mu_d < mu_s) & (v_mid < v_b)))[:1]:
+        check_friction(float(mu_s[i]), float(mu_d[i]), float(v_mid[i]), float(v_b[i]), f"lanes[{i}]: ")
+    names = tuple(sorted(set(arrays) - FREE))
+    if not names:
+        return Cells(parameters, arrays, (ends(parameters),))
+    columns = zip(*(arrays[name].tolist() for name in names), strict=True)
+    return Cells(parameters, arrays, tuple(_ends(parameters, names, column, i) for i, column in enumerate(columns)))
+
+
+def _lane(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    if name not in SWEEPABLE:
+        why = "is not a parameter" if name not in FIELDS else "is the same for all cells of a block"
+        raise ParameterError(f"lanes.{name}: {why}; must be one of {', '.join(sorted(SWEEPABLE))}")
+    array: NDArray[np.float64] = np.array(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ParameterError(f"lanes.{name}: shape {array.shape}: must be one value for each cell")
+    limits: Range = FIELDS[name].metadata["range"]
+    right = np.isfinite(array)
+    right &= (array > limits.low) if limits.low_open else (array >= limits.low)
+    right &= (array < limits.high) if limits.high_open else (array <= limits.high)
+    whole = TYPES[name] is int
+    if whole:
+        right &= array == np.floor(array)
+    for i in np.flatnonzero(~right)[:1]:
+        raise ParameterError(
+            f"lanes.{name}[{i}] = {float(array[i])!r}: must be a {'whole ' if whole else ''}number {limits} "
+            f"({FIELDS[name].metadata['doc']})"
+        )
+    return array
+
+
+def _ends(parameters: Parameters, names: tuple[str, ...], values: tuple[float, ...], cell: int) -> Ends:
+    try:
+        return _ends_of(parameters, names, values)
+    except ParameterError as error:
+        raise ParameterError(f"lanes[{cell}]: {error}") from None
+
+
+@functools.lru_cache(maxsize=4096)
+def _ends_of(parameters: Parameters, names: tuple[str, ...], values: tuple[float, ...]) -> Ends:
+    """Keep the reflection functions of past cells: the blocks of a sweep meet the same ones again."""
+    changes: dict[str, Any] = dict(zip(names, values, strict=True))
+    return ends(parameters.replace(**changes))

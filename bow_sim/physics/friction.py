@@ -1,0 +1,141 @@
+"""The friction curve and its hysteresis (paper sections II.A, III.C and Appendix; PHYSICS.md section 4).
+
+With slip speed ``s = v_b - v``, distance from sticking ``D = v_b - v_h``, ``S = Y f_b mu_s`` and
+``A = Y f_b mu_d``, the string's straight line ``f = (D - s)/Y`` meets the hyperbola
+``f = f_b (mu_d + (mu_s - mu_d) a/(a + s))`` where ``s**2 + s (a + A - D) + a (S - D) = 0``.
+
+A friction law is data with a type: a named tuple of arrays over lanes. :func:`solve` is
+chosen by that type when the kernel is compiled, so a new law needs no new kernel; a law
+with internal state keeps it in an array of its tuple.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_sim.physics.cells import Cells
+from bow_sim.simd.jit import INLINE, njit, overload
+from bow_sim.simd.lanes import absolute, choose, load, root
+
+
+class Hyperbola(NamedTuple):
+    """The paper's law (Appendix): a rectangular hyperbola with the paper's hysteresis.
+
+    Parameters
+    ----------
+    a : ndarray, shape (lanes,)
+        ``v_b - v_mid``, final bow speed: the slip speed at which mu is midway.
+    limit, slide : ndarray, shape (lanes,)
+        ``Y mu_s`` and ``Y mu_d``: times f_b they are S and A.
+    """
+
+    a: Any
+    limit: Any
+    slide: Any
+
+
+def hyperbola(a: Any, limit: Any, slide: Any, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
+    """Solve string and hyperbola for one step, by the paper's hysteresis rule.
+
+    The same source serves numbers, arrays and, compiled, the lanes of the kernel. All that it does
+    is exactly rounded.
+
+    Parameters
+    ----------
+    a, limit, slide : float or array
+        As in :class:`Hyperbola`.
+    d : float or array
+        ``v_b - v_h``.
+    f_b : float or array
+        Bow force.
+    slipping : bool or array
+        State after the step before.
+
+    Returns
+    -------
+    s : float or array
+        Slip speed ``v_b - v``, with the sign of d; 0 when sticking.
+    slipping : bool or array
+        State after this step.
+    """
+    x = absolute(d)
+    most = f_b * limit
+    h = (a + f_b * slide - x) * 0.5
+    s = root(h * h - a * (most - x)) - h  # NaN without a real root; then s > 0 is false
+    slips = (x > most) | (slipping & (s > 0.0))
+    return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
+
+
+_hyperbola = njit(**INLINE)(hyperbola)
+
+
+def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
+    """Solve string and friction for one step of eight lanes; compiled code only.
+
+    Parameters
+    ----------
+    law : NamedTuple
+        Coefficients and internal state of a law, arrays over lanes.
+    lane : int
+        The first of the lanes.
+    d, f_b, slipping
+        As in :func:`hyperbola`.
+
+    Returns
+    -------
+    s, slipping
+        As in :func:`hyperbola`.
+    """
+    raise NotImplementedError(f"no friction law for {type(law).__name__}: overload bow_sim.physics.friction.solve")
+
+
+@overload(solve, strict=False, jit_options=INLINE)
+def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
+    if getattr(law, "instance_class", None) is not Hyperbola:
+        return None
+    return lambda law, lane, d, f_b, slipping: _hyperbola(
+        load(law.a, lane), load(law.limit, lane), load(law.slide, lane), d, f_b, slipping
+    )
+
+
+def law_of(cells: Cells) -> Hyperbola:
+    """Return the friction law of cells, arrays of shape (cells,); the choice is ``parameters.friction``."""
+    y = cells.of_ends("y")
+    return Hyperbola(cells.value("v_b") - cells.value("v_mid"), y * cells.value("mu_s"), y * cells.value("mu_d"))
+
+
+def sliding_coefficient(s: NDArray[np.float64], mu_s: float, mu_d: float, a: float) -> NDArray[np.float64]:
+    """Coefficient of sliding friction at slip speed ``s >= 0`` (Appendix, Fig 9).
+
+    Parameters
+    ----------
+    s : ndarray
+        Slip speed, bow speed = 1.
+    mu_s, mu_d : float
+        Coefficients on the point of sticking and at high speed.
+    a : float
+        ``v_b - v_mid``.
+    """
+    return mu_d + (mu_s - mu_d) * a / (a + s)
+
+
+def sticking_limit(f_b: float, y: float, mu_s: float, v_b: float) -> float:
+    """v_1: sticking ends when v_h falls below it (Figs 1, 7)."""
+    return v_b - y * f_b * mu_s
+
+
+def slipping_limit(f_b: float, y: float, mu_s: float, mu_d: float, a: float, v_b: float) -> float:
+    """v_2: slipping ends when v_h rises above it; equal to v_1 where nothing is ambiguous (Figs 1, 7)."""
+    limit, slide = y * f_b * mu_s, y * f_b * mu_d
+    if limit - slide <= a:
+        return v_b - limit
+    return v_b - (slide - a + 2 * math.sqrt(a * (limit - slide)))
+
+
+def ambiguous_force(y: float, mu_s: float, mu_d: float, a: float) -> float:
+    """Bow force above which there is hysteresis: ``Y f_b (mu_s - mu_d) > a`` (PHYSICS.md section 4)."""
+    return a / (y * (mu_s - mu_d))

@@ -1,0 +1,125 @@
+"""Bowing gestures: how bow force and bow speed start (paper sections II.A and III.C).
+
+Every gesture is ``f_b(t) = f_asym + (f_init - f_asym) F(t)`` and ``v_b(t) = v_0 + v_1 V(t)`` with
+two shapes F and V, tabulated over samples. The kernel knows only this form, so a new gesture
+is a new shape here. The shapes are computed by :func:`math.exp` one at a time: array
+exponentials may round differently with the place in the array.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_sim.physics.cells import Cells
+from bow_sim.physics.parameters import Parameters
+
+
+class Levels(NamedTuple):
+    """The coefficients of a gesture, arrays over cells or numbers; see the module."""
+
+    f_end: Any
+    f_step: Any
+    v_0: Any
+    v_1: Any
+
+
+def levels(gesture: str, f_asym: Any, f_init_ratio: Any, v_b: Any) -> Levels:
+    """Return the coefficients of a gesture from its parameters, numbers or arrays over cells."""
+    ratio = 0.0 * f_init_ratio if gesture == "string_crossing" else f_init_ratio
+    f_step = ratio * f_asym - f_asym
+    if gesture == "martele":
+        return Levels(f_asym, f_step, v_b, -v_b)
+    if gesture == "constant_acceleration":
+        return Levels(f_asym, f_step, 0.0 * v_b, v_b)
+    return Levels(f_asym, f_step, v_b, 0.0 * v_b)
+
+
+@functools.lru_cache(maxsize=8192)
+def decay(tau: float, start: int, samples: int) -> NDArray[np.float64]:
+    """``exp(-t/tau)`` at ``t = start ... start + samples - 1``, read-only."""
+    table = np.array([math.exp(-t / tau) for t in range(start, start + samples)])
+    table.setflags(write=False)
+    return table
+
+
+@functools.lru_cache(maxsize=4096)
+def ramp(rise: float, start: int, samples: int) -> NDArray[np.float64]:
+    """``min(1, rise t)`` at ``t = start ... start + samples - 1``, read-only."""
+    table = np.minimum(1.0, rise * np.arange(start, start + samples, dtype=np.float64))
+    table.setflags(write=False)
+    return table
+
+
+@functools.lru_cache(maxsize=64)
+def nothing(samples: int) -> NDArray[np.float64]:
+    """Zeros, read-only: the shape of what does not change."""
+    table = np.zeros(samples)
+    table.setflags(write=False)
+    return table
+
+
+def shapes(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """F(t) and V(t) of a gesture.
+
+    Parameters
+    ----------
+    p : Parameters
+    start, samples : int
+        The first sample, and how many.
+
+    Returns
+    -------
+    F, V : ndarray, shape (samples,), read-only
+    """
+    return _shapes(p.gesture, p.tau_f, p.tau_v, p.acceleration / p.period, start, samples)
+
+
+def shapes_of_cells(cells: Cells, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """F(t) and V(t) of cells.
+
+    Returns
+    -------
+    F, V : ndarray, shape (cells, samples)
+    """
+    p = cells.parameters
+    columns = zip(
+        cells.value("tau_f").tolist(),
+        cells.value("tau_v").tolist(),
+        (cells.value("acceleration") / p.period).tolist(),
+        strict=True,
+    )
+    pairs = [_shapes(p.gesture, tau_f, tau_v, rise, start, samples) for tau_f, tau_v, rise in columns]
+    return np.array([f for f, _ in pairs]), np.array([v for _, v in pairs])
+
+
+def _shapes(
+    gesture: str, tau_f: float, tau_v: float, rise: float, start: int, samples: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    if gesture == "martele":
+        return decay(tau_f, start, samples), decay(tau_v, start, samples)
+    if gesture == "constant_acceleration":
+        return decay(tau_f, start, samples), ramp(rise, start, samples)
+    return decay(tau_f, start, samples), nothing(samples)
+
+
+def force_and_speed(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """f_b(t) and v_b(t) of one cell, for figures and audio.
+
+    Parameters
+    ----------
+    p : Parameters
+    start, samples : int
+        The first sample, and how many.
+
+    Returns
+    -------
+    f_b, v_b : ndarray, shape (samples,)
+    """
+    level = levels(p.gesture, p.f_asym, p.f_init_ratio, p.v_b)
+    f, v = shapes(p, start, samples)
+    return level.f_end + level.f_step * f, level.v_0 + level.v_1 * v

@@ -1,0 +1,262 @@
+"""Reflection functions: what comes back to the bow from each end, as plain data.
+
+A reflection function is a short list of taps at consecutive lags and, where wanted, an
+exponential tail, which costs one multiply-add a step instead of a long convolution. All are
+for velocity waves: a rigid end reflects with -1.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection_text import FUNCTIONS, Reflection, check, embed_files, parse
+
+__all__ = [
+    "ABSORBED",
+    "Ends",
+    "Reflection",
+    "check",
+    "cremer",
+    "delta",
+    "embed_files",
+    "ends",
+    "gaussian",
+    "parse",
+    "stiff",
+]
+
+NUT_FFT = 4096
+"""Length of the inverse FFT that samples the stiff string's reflection (PHYSICS.md section 3)."""
+
+NUT_PERIODS = 8
+"""Least length of that FFT in nominal periods, for strings longer than the paper's."""
+
+NUT_LEFT_OUT = 1e-7
+"""Share of the energy of the stiff reflection cut off at each end (PHYSICS.md section 3)."""
+
+
+class Ends(NamedTuple):
+    """What the bow looks at: the four reflection functions and the admittances."""
+
+    bridge: Reflection
+    nut: Reflection
+    torsion_bridge: Reflection
+    torsion_nut: Reflection
+    y_t: float
+    y_r: float
+
+    @property
+    def y(self) -> float:
+        """Driving-point admittance of the infinite string at the bow, ``(Y_T + Y_R)/2``."""
+        return (self.y_t + self.y_r) / 2
+
+
+ABSORBED = Reflection((0.0,), 1)
+"""Nothing comes back."""
+
+
+def delta(lag: int, gain: float = 1.0) -> Reflection:
+    """Reflect with ``-gain`` after ``lag`` samples: a rigid end of an ideal string (section II.B)."""
+    return Reflection((-gain,), lag)
+
+
+def cremer(lag: int, r: float, w_c: float, period: int) -> Reflection:
+    """Cremer's bridge: a spring parallel to a dashpot (section III.A; PHYSICS.md section 3).
+
+    Parameters
+    ----------
+    lag : int
+        Round trip of the bow and the bridge, samples.
+    r : float
+        Dashpot, in units of the string's impedance.
+    w_c : float
+        Corner frequency K/R over the angular frequency of the nominal fundamental.
+    period : int
+        Nominal period, samples.
+    """
+    k = w_c * (2 * math.pi / period) * r
+    rho = (r - 1) / (r + 1)
+    p = math.exp(-k / (r + 1))
+    return Reflection((-rho,), lag, tail=-(1 - rho) * (1 - p), pole=p, tail_first=lag + 1)
+
+
+@functools.lru_cache(maxsize=512)
+def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Reflection:
+    """The long side of a string with bending stiffness (section III.A; PHYSICS.md section 3).
+
+    Parameters
+    ----------
+    lag : int
+        Round trip of the bow and the nut for long waves, samples.
+    period : int
+        Nominal period, samples.
+    b : float
+        Bending stiffness B: a wholly stiff string has ``f_n = n f_1 sqrt(1 + B n**2)``.
+    cutoff, power : float
+        The anti-alias filter ``exp(-2 (w/(cutoff pi))**power)``, w in radians a sample.
+
+    Raises
+    ------
+    ParameterError
+        If the function would be longer than its delay allows.
+    """
+    size = NUT_FFT
+    while size < NUT_PERIODS * period:
+        size *= 2
+    w = 2 * np.pi * np.arange(size // 2 + 1) / size
+    x2 = (w * period / (2 * np.pi)) ** 2
+    n = np.sqrt(2 * x2 / (1 + np.sqrt(1 + 4 * b * x2)))
+    spectrum = -np.exp(-2j * np.pi * n * lag / period) * np.exp(-2 * (w / (cutoff * np.pi)) ** power)
+    spectrum[-1] = spectrum[-1].real
+    h = np.fft.irfft(spectrum, size)
+    share = np.cumsum(h * h) / np.sum(h * h)
+    first = int(np.argmax(share >= NUT_LEFT_OUT))
+    last = int(np.argmax(share >= 1 - NUT_LEFT_OUT))
+    if first < 1 or last >= size // 2:  # what should come before lag 0 comes out at the end of the inverse FFT
+        raise ParameterError(
+            f"stiffness_b = {b!r} with nut_cutoff = {cutoff!r}, nut_power = {power!r} and the nut {lag} samples away: "
+            "the reflection would begin before it was sent; stiffness or cutoff must be less, or the nut farther"
+        )
+    taps = h[first : last + 1]
+    taps = -taps / math.fsum(taps)
+    return Reflection(tuple(taps.tolist()), first)
+
+
+@functools.lru_cache(maxsize=512)
+def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
+    """A Gaussian ``exp(-((t - c)/width)**2)`` of sum ``-gain`` and first moment ``delay`` (Appendix).
+
+    Parameters
+    ----------
+    delay : float
+        Round trip, samples; the centre c is moved until the discrete first moment is this.
+    width : float
+        tau, samples.
+    gain : float
+        Minus the sum of the taps.
+    half : int
+        The lags are floor(delay) + 1 - half ... floor(delay) + half, those below 1 left out.
+    """
+    near = math.floor(delay)
+    lags = range(max(1, near + 1 - half), near + half + 1)
+
+    def weights(centre: float) -> list[float]:
+        least = min(abs(lag - centre) for lag in lags)  # keeps the greatest at 1 when the centre is far outside
+        return [math.exp((least * least - (lag - centre) ** 2) / width**2) for lag in lags]
+
+    def moment(centre: float) -> float:
+        w = weights(centre)
+        return math.fsum(lag * x for lag, x in zip(lags, w, strict=True)) / math.fsum(w)
+
+    reach = 4 * half + 40 * width
+    low, high = delay - reach, delay + reach
+    if not moment(low) <= delay <= moment(high):
+        raise ParameterError(
+            f"torsion_speed: the torsional round trip of {delay:.3g} samples is too short for a reflection function "
+            "whose first lag is 1; it must be more than 1 sample"
+        )
+    while True:  # the moment grows with the centre: halve until the numbers run out
+        centre = (low + high) / 2
+        if centre in (low, high):
+            break
+        low, high = (centre, high) if moment(centre) < delay else (low, centre)
+    w = weights(centre)
+    total = math.fsum(w)
+    return Reflection(tuple(-gain * x / total for x in w), lags[0])
+
+
+# The hierarchy of section II.B, from the simplest on
+
+
+def friedlander(p: Parameters) -> Ends:
+    """An ideal string between rigid ends, nothing lost (section II.B; Friedlander 1953, Keller 1953).
+
+    Every periodic motion is unstable where the friction curve falls. Setting: ``model=friedlander``.
+    """
+    return Ends(delta(p.bow_bridge), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, 0.0)
+
+
+def raman(p: Parameters) -> Ends:
+    """A string whose ends give back ``bridge_gain`` and ``nut_gain`` of what they get (section II.B; Raman 1918).
+
+    Waveforms are constant between jumps. Setting: ``model=raman``.
+    """
+    bridge, nut = delta(p.bow_bridge, p.bridge_gain), delta(p.nut_lag, p.nut_gain)
+    return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
+
+
+def rounded_corner(p: Parameters) -> Ends:
+    """Narrow reflections of finite width, Gaussians of ``corner_width`` (section II.B; Cremer's rounded corner).
+
+    The Helmholtz corner has a finite extent, sharper at higher bow force. Setting: ``model=rounded_corner``.
+    """
+    bridge, nut = (gaussian(float(d), p.corner_width, 1.0, p.torsion_half) for d in (p.bow_bridge, p.nut_lag))
+    return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
+
+
+def torsion_absorbed(p: Parameters) -> Ends:
+    """Cremer's bridge, and torsional waves that leave the bow and never return (section II.B, refs. 5 and 18).
+
+    The same as a linear shear of the friction curve. Setting: ``model=torsion_absorbed``.
+    """
+    y_r = p.torsion_admittance * p.y_t
+    return Ends(_cremer(p), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, y_r)
+
+
+def delta_cremer(p: Parameters) -> Ends:
+    """Cremer's bridge, a rigid nut, and torsional reflections (section III.A). Setting: ``model=delta_cremer``."""
+    near, far = (
+        gaussian(d / p.torsion_speed, p.torsion_width, p.torsion_gain, p.torsion_half)
+        for d in (p.bow_bridge, p.nut_lag)
+    )
+    return Ends(_cremer(p), delta(p.nut_lag), near, far, p.y_t, p.torsion_admittance * p.y_t)
+
+
+def stiff_cremer(p: Parameters) -> Ends:
+    """The same with a stiff string's dispersion on the long side (section III.A). Setting: ``model=stiff_cremer``."""
+    nut = stiff(p.nut_lag, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
+    return delta_cremer(p)._replace(nut=nut)
+
+
+def _cremer(p: Parameters) -> Reflection:
+    return cremer(p.bow_bridge, p.bridge_r, p.bridge_w_c, p.period)
+
+
+HIERARCHY: dict[str, Callable[[Parameters], Ends]] = {
+    "friedlander": friedlander,
+    "raman": raman,
+    "rounded_corner": rounded_corner,
+    "torsion_absorbed": torsion_absorbed,
+    "delta_cremer": delta_cremer,
+    "stiff_cremer": stiff_cremer,
+}
+"""The models by name, as in :data:`bow_sim.physics.parameters.MODELS`."""
+
+
+def ends(p: Parameters) -> Ends:
+    """Return the reflection functions and admittances of a model, the user's own in place of those that are given.
+
+    Parameters
+    ----------
+    p : Parameters
+
+    Returns
+    -------
+    Ends
+
+    Raises
+    ------
+    ParameterError
+        If the geometry leaves no room for a reflection function.
+    """
+    given: dict[str, Any] = {
+        name.removesuffix("_function"): parse(text, name) for name in FUNCTIONS if (text := getattr(p, name))
+    }
+    return HIERARCHY[p.model](p)._replace(**given)

@@ -1,0 +1,313 @@
+"""A reflection function as plain data: taps, first lag and exponential tail; also as text and file.
+
+The text form is what travels in settings, messages and bags, so that nothing depends on a file
+that only one machine has: ``first=15 taps=-0.92,-0.01 tail=-0.012 pole=0.84 tail_first=16``.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
+
+FUNCTIONS = ("bridge_function", "nut_function", "torsion_bridge_function", "torsion_nut_function")
+"""The settings that hold a reflection function as text."""
+
+GAIN_TOLERANCE = 1e-6
+"""By how much a gain may exceed 1, for the rounding of printed taps."""
+
+MAX_LAG = 1 << 16
+"""Greatest lag of a user's reflection function, samples."""
+
+_KEYS = ("first", "taps", "tail", "pole", "tail_first")
+
+
+@dataclass(frozen=True)
+class Reflection:
+    """One reflection function: ``in[t] = sum_k taps[k] out[t - first - k] + tail``.
+
+    The tail is ``tail * sum_k pole**k out[t - tail_first - k]``, one multiply-add a step.
+
+    Parameters
+    ----------
+    taps : tuple of float
+        Coefficients at lags ``first``, ``first + 1``, ...
+    first : int
+        Lag of the first tap, samples, at least 1.
+    tail, pole : float
+        Size and ratio of the exponential tail; ``tail = 0`` for none.
+    tail_first : int
+        Lag of the tail's first sample, samples.
+    """
+
+    taps: tuple[float, ...]
+    first: int
+    tail: float = 0.0
+    pole: float = 0.0
+    tail_first: int = 1
+
+    @property
+    def last(self) -> int:
+        """The greatest lag that a step looks back to, samples."""
+        return max(self.first + len(self.taps) - 1, self.tail_first if self.tail else 0)
+
+    @property
+    def soonest(self) -> int:
+        """The least lag that a step looks back to, samples."""
+        return min(self.first, self.tail_first) if self.tail else self.first
+
+    def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Evaluate the z transform; at ``z = exp(i w)``, w in radians a sample, the frequency response.
+
+        Parameters
+        ----------
+        z : ndarray of complex, any shape
+
+        Returns
+        -------
+        ndarray of complex, the same shape
+        """
+        step = 1.0 / np.asarray(z, dtype=np.complex128)
+        total = np.zeros_like(step)
+        for tap in reversed(self.taps):  # Horner
+            total = total * step + tap
+        total = total * step**self.first
+        if self.tail:
+            total = total + self.tail * step**self.tail_first / (1.0 - self.pole * step)
+        return total
+
+    def impulse(self, samples: int) -> NDArray[np.float64]:
+        """Sample the function at lags 0 ... samples - 1.
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+        """
+        h = np.zeros(max(samples, self.first + len(self.taps)))
+        h[self.first : self.first + len(self.taps)] = self.taps
+        h = h[:samples]
+        if self.tail and samples > self.tail_first:
+            h[self.tail_first :] += self.tail * self.pole ** np.arange(samples - self.tail_first, dtype=np.float64)
+        return h
+
+    def text(self) -> str:
+        """Write the function as text that :func:`parse` reads back bit for bit."""
+        words = f"first={self.first} taps={','.join(repr(x) for x in self.taps)}"
+        return words + (f" tail={self.tail!r} pole={self.pole!r} tail_first={self.tail_first}" if self.tail else "")
+
+
+@functools.lru_cache(maxsize=256)
+def parse(text: str, name: str = "reflection function") -> Reflection:
+    """Read a reflection function from its text form.
+
+    Parameters
+    ----------
+    text : str
+        ``first=LAG taps=NUMBER,NUMBER,...``, with ``tail=``, ``pole=`` and ``tail_first=`` where there is a tail.
+    name : str
+        What to call it in messages.
+
+    Raises
+    ------
+    ParameterError
+        If the text is not of that form. What it describes is judged by :func:`check`.
+    """
+    given: dict[str, str] = {}
+    for word in text.split():
+        key, equals, value = word.partition("=")
+        if not equals or key not in _KEYS or key in given:
+            raise ParameterError(
+                f"{name}: {_short(word)!r}: must be one of first=LAG, taps=NUMBER,NUMBER,..., tail=NUMBER, "
+                "pole=NUMBER, tail_first=LAG, each once, separated by spaces"
+            )
+        given[key] = value
+    if "first" not in given or "taps" not in given:
+        raise ParameterError(f"{name} = {_short(text)!r}: must give at least first=LAG and taps=NUMBER,NUMBER,...")
+    first = _lag(given["first"], f"{name}: first")
+    return Reflection(
+        tuple(_number(x, f"{name}: taps[{i}]") for i, x in enumerate(given["taps"].split(","))),
+        first,
+        _number(given.get("tail", "0"), f"{name}: tail"),
+        _number(given.get("pole", "0"), f"{name}: pole"),
+        _lag(given.get("tail_first", str(first + 1 if "tail" in given else 1)), f"{name}: tail_first"),
+    )
+
+
+def check(reflection: Reflection, name: str, sample_rate: float) -> None:
+    """Refuse a reflection function that no end of a string can have.
+
+    Parameters
+    ----------
+    reflection : Reflection
+    name : str
+        What to call it in messages.
+    sample_rate : float
+        Hz.
+
+    Raises
+    ------
+    ParameterError
+        If it answers before it is asked, does not decay, or reflects more than it receives at some frequency.
+    """
+    for what, lag in (("first", reflection.first), ("tail_first", reflection.tail_first)):
+        if not 1 <= lag <= MAX_LAG:
+            raise ParameterError(
+                f"{name}: {what} = {lag}: must be 1 ... {MAX_LAG} samples: an end of the string answers "
+                "after, not before, a wave has left the bow"
+            )
+    if len(reflection.taps) > MAX_LAG:
+        raise ParameterError(f"{name}: {len(reflection.taps)} taps: must be at most {MAX_LAG}")
+    if not abs(reflection.pole) < 1:
+        raise ParameterError(f"{name}: pole = {reflection.pole!r}: must be between -1 and 1, or the tail never ends")
+    w, gain = greatest_gain(reflection)
+    if gain > 1 + GAIN_TOLERANCE:
+        raise ParameterError(
+            f"{name}: gain {gain:.6g} at {w * sample_rate / (2 * math.pi):.5g} Hz: must be at most 1 at every "
+            f"frequency, or waves would grow by themselves; dividing taps and tail by {gain:.6g} would do"
+        )
+
+
+@functools.lru_cache(maxsize=256)
+def greatest_gain(reflection: Reflection) -> tuple[float, float]:
+    """Find the greatest gain over all frequencies.
+
+    Returns
+    -------
+    w : float
+        Where it is, radians a sample.
+    gain : float
+    """
+    points = 8192
+    while points < 8 * reflection.last:
+        points *= 2
+    w = np.linspace(0.0, math.pi, points + 1)
+    gains = np.abs(reflection.response(np.exp(1j * w)))
+    best = int(np.argmax(gains >= gains.max() - GAIN_TOLERANCE / 1000))  # the lowest of equals
+    # a resonance may lie between the points of the grid
+    finer = np.linspace(w[max(best - 1, 0)], w[min(best + 1, points)], 129)
+    fine = np.abs(reflection.response(np.exp(1j * finer)))
+    place = int(np.argmax(fine))
+    if fine[place] > gains[best] * (1 + GAIN_TOLERANCE / 1000):
+        return float(finer[place]), float(fine[place])
+    return float(w[best]), float(gains[best])
+
+
+def read(path: str | Path) -> str:
+    """Read a reflection function from a file and return its text form.
+
+    Parameters
+    ----------
+    path : str or Path
+        The text form itself; or JSON, an object with ``first``, ``taps`` and perhaps ``tail``, ``pole`` and
+        ``tail_first``; or a table of two columns, lag in samples and value, as
+        :mod:`bow_sim.physics.number_files` reads it.
+
+    Raises
+    ------
+    ParameterError
+        If the file cannot be read or has none of these forms.
+    """
+    try:
+        content = read_text(path)
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"{path}: cannot be read: {error}") from None
+    if content.lstrip().startswith("{"):
+        return _from_json(content, str(path)).text()
+    if re.search(r"\bfirst\s*=", content):
+        bare = " ".join(COMMENTS.sub("", line) for line in content.split("\n"))
+        return parse(re.sub(r"\s*([=,])\s*", r"\1", bare), str(path)).text()
+    return _from_table(content, str(path)).text()
+
+
+def embed_files(settings: Iterable[str]) -> tuple[str, ...]:
+    """Replace ``NAME_function=@FILE`` by the function that the file holds; for command lines only.
+
+    Parameters
+    ----------
+    settings : iterable of str
+        ``name=value`` texts.
+
+    Returns
+    -------
+    tuple of str
+    """
+    done = []
+    for setting in settings:
+        name, _, value = setting.partition("=")
+        if name.strip() in FUNCTIONS and value.strip().startswith("@"):
+            done.append(f"{name.strip()}={read(value.strip()[1:])}")
+        else:
+            done.append(setting)
+    return tuple(done)
+
+
+def _from_json(content: str, path: str) -> Reflection:
+    try:
+        values = json.loads(content)
+    except json.JSONDecodeError as error:
+        raise ParameterError(f"{path}: must be JSON, an object with first and taps: {error}") from None
+    unknown = sorted(set(values) - set(_KEYS))
+    if unknown:
+        raise ParameterError(f"{path}: {unknown[0]}: unknown key; must be one of {', '.join(_KEYS)}")
+    taps = values.get("taps")
+    if not isinstance(taps, list):
+        raise ParameterError(f"{path}: taps = {_short(repr(taps))}: must be a list of numbers")
+    words = [f"{key}={values[key]}" for key in _KEYS if key in values and key != "taps"]
+    return parse(" ".join([*words, f"taps={','.join(str(x) for x in taps)}"]), path)
+
+
+def _from_table(content: str, path: str) -> Reflection:
+    values: dict[int, float] = {}
+    try:
+        table = list(rows(content))
+    except ValueError as error:
+        raise ParameterError(f"{path}, {error}") from None
+    for line, words in table:
+        if len(words) != 2:
+            raise ParameterError(
+                f"{path}, line {line}: {_short(' '.join(words))!r}: must be a lag in samples and a value"
+            )
+        lag = _lag(words[0], f"{path}, line {line}: lag")
+        if lag in values:
+            raise ParameterError(f"{path}, line {line}: lag {lag}: must be there once only")
+        values[lag] = _number(words[1], f"{path}, line {line}: value")
+    if not values:
+        raise ParameterError(f"{path}: must have lines of a lag in samples and a value, or be JSON")
+    first, last = min(values), max(values)
+    if last - first >= MAX_LAG:
+        raise ParameterError(f"{path}: lags {first} ... {last}: must span at most {MAX_LAG} samples")
+    return Reflection(tuple(values.get(lag, 0.0) for lag in range(first, last + 1)), first)
+
+
+def _number(text: str, name: str) -> float:
+    try:
+        value = number(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ParameterError(f"{name} = {_short(text)!r}: must be a finite number")
+    return value
+
+
+def _lag(text: str, name: str) -> int:
+    try:
+        value = number(text)
+    except ValueError:
+        value = math.nan
+    if not value.is_integer():  # 124.0 and 1.24e2 are
+        raise ParameterError(f"{name} = {_short(text)!r}: must be a whole number of samples")
+    return int(value)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}..."

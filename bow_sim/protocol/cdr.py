@@ -1,0 +1,388 @@
+"""The messages of the graph as CDR bytes and back, with NumPy and without ROS.
+
+ROS 2 carries messages as CDR (OMG DDS-XTypes 1.3, section 7.4, plain XCDR1, little endian): four bytes of
+encapsulation, then every primitive aligned to its own size counted from there; a sequence is its length as uint32,
+then its elements; a string counts its closing zero; a short text is an array of bytes, filled up with zeros. All
+messages of ``bow_msgs`` are flat once nested ones are written out field by field, so a table of fields describes each,
+see :mod:`bow_sim.protocol.messages`. ``tests/sim/test_wire.py`` holds the bytes against rclpy's own serialisation.
+
+A message with a `checksum` is sealed: XXH3-64 over all bytes after that field, seeded with its place in the sweep.
+The field is eight bytes wide and so ends on a multiple of eight: what follows has the same bytes wherever it stands.
+Bytes skipped for alignment are zero here (Fast CDR leaves them as they were), so that equal values give equal bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xxhash
+
+from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, is_sealed
+
+__all__ = [
+    "ENCAPSULATION",
+    "FIELDS",
+    "INTERVAL_FIELDS",
+    "RECEIPT_BLOCK",
+    "RECEIPT_STREAMS",
+    "RECEIPT_VERDICTS",
+    "SHORT_TEXT",
+    "SLACK",
+    "Buffer",
+    "Identity",
+    "WireError",
+    "chunk_checksum",
+    "decode",
+    "decode_head",
+    "encode",
+    "hello",
+    "hello_from",
+    "identity",
+    "is_sealed",
+    "unseal",
+]
+
+Buffer = bytes | bytearray | memoryview
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+"""Plain CDR, little endian, no options."""
+
+SLACK = 32
+"""Bytes that may follow a message that ROS has serialised: it reserves room for aligning arrays that are empty."""
+
+INTERVAL_FIELDS = ("slipping", "offsets", "onset", "duration", "slip")
+"""What StickSlip says of a chunk beyond where it is."""
+
+RECEIPT_STREAMS, RECEIPT_VERDICTS, RECEIPT_BLOCK = 0, 1, 2
+"""Receipt.kind: both stream messages of a chunk; the verdicts on a chunk; all of a block, seen on the disk."""
+
+
+class WireError(ValueError):
+    """Bytes that are not the message they should be; says which field and where."""
+
+
+class Identity(NamedTuple):
+    """What a sealed message is about, and which try it comes from."""
+
+    run_id: str
+    sweep_id: str
+    block: int
+    chunk: int
+    attempt: int
+
+
+def _place(block: int, chunk: int) -> int:
+    """Return the seed of a checksum: the place of a chunk in its sweep, so that swapped chunks do not agree."""
+    return (block << 32) | chunk
+
+
+def chunk_checksum(block: int, chunk: int, bridge_force: int, stick_slip: int) -> int:
+    """Return the checksum of a chunk from those of its two stream messages: what receipts and verdicts agree on."""
+    return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=_place(block, chunk))
+
+
+class _Field(NamedTuple):
+    """How a field is laid out: what there is to know before a message comes."""
+
+    name: str
+    kind: str
+    """"string", "string[]", "text", "array" or "scalar"."""
+    form: struct.Struct
+    """Of a scalar, an item of an array, the length of a string, or a short text."""
+    dtype: np.dtype[Any]
+    most: int
+    """Items of an array at most."""
+
+    @classmethod
+    def of(cls, name: str, declared: str) -> _Field:
+        item, _, bound = declared.partition("[")
+        if item == "string":
+            return cls(name, declared, _LENGTH, np.dtype("S"), 0)
+        if declared == SHORT_TEXT:
+            return cls(name, "text", _TEXT, np.dtype("S16"), 0)
+        most = int(bound.strip("<=]") or 2**32 - 1)
+        form = struct.Struct("<" + _LETTERS[item])
+        return cls(name, "array" if bound else "scalar", form, np.dtype(item).newbyteorder("<"), most)
+
+
+_LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
+_LENGTH = struct.Struct("<I")
+_TEXT = struct.Struct("16s")
+_LAYOUT = {message: [_Field.of(*field) for field in fields.items()] for message, fields in FIELDS.items()}
+
+
+class _Writer:
+    """Collects aligned pieces; the large arrays are joined once, at the end, and copied once."""
+
+    def __init__(self) -> None:
+        self.parts: list[bytes | memoryview] = []
+        self.size = 0
+
+    def raw(self, data: bytes | memoryview, align: int) -> None:
+        gap = -self.size % align
+        if gap:
+            self.parts.append(bytes(gap))
+        self.parts.append(data)
+        self.size += gap + len(data)
+
+    def field(self, field: _Field, value: Any) -> None:
+        if field.kind == "scalar":
+            self.raw(field.form.pack(value), field.form.size)
+        elif field.kind == "array":
+            array = np.ascontiguousarray(value, dtype=field.dtype).reshape(-1)
+            if array.size > field.most:
+                raise WireError(f"{field.name}: {array.size} values, should be {field.most} at most")
+            self.raw(_LENGTH.pack(array.size), 4)
+            if array.size:
+                self.raw(array.view(np.uint8).data, array.itemsize)
+        elif field.kind == "string":
+            self._string(value)
+        elif field.kind == "text":
+            self.raw(_short(field.name, value), 1)
+        else:
+            self.raw(_LENGTH.pack(len(value)), 4)
+            for item in value:
+                self._string(item)
+
+    def _string(self, value: str) -> None:
+        text = value.encode() + b"\0"
+        self.raw(_LENGTH.pack(len(text)), 4)
+        self.raw(text, 1)
+
+
+def _short(field: str, text: str) -> bytes:
+    """Return a short text as bytes.
+
+    Raises
+    ------
+    WireError
+        Where it is not one: too long, or not ASCII.
+    """
+    data = text.encode()
+    if len(data) > _TEXT.size or not text.isascii() or data.endswith(b"\0"):
+        raise WireError(f"{field} = {text!r}: should be {_TEXT.size} ASCII characters at most")
+    return data.ljust(_TEXT.size, b"\0")
+
+
+def encode(name: str, values: Mapping[str, Any]) -> bytes:
+    """Return message `name` as CDR bytes; a sealed message gets its checksum here, whatever `values` says of it.
+
+    Parameters
+    ----------
+    name
+        Key of `FIELDS`.
+    values
+        Field -> value; arrays in any shape, written flat in C order.
+
+    Raises
+    ------
+    WireError
+        Where a field does not take so much.
+    """
+    head, tail = _Writer(), _Writer()
+    writer = head
+    seals = is_sealed(name)
+    for field in _LAYOUT[name]:
+        if seals and field.name == "checksum":
+            writer = tail
+        else:
+            writer.field(field, values[field.name])
+    if seals:
+        digest = xxhash.xxh3_64(seed=_place(int(values["block"]), int(values["chunk"])))
+        for part in tail.parts:
+            digest.update(part)
+        head.raw(struct.pack("<Q", digest.intdigest()), 8)
+    return b"".join([ENCAPSULATION, *head.parts, *tail.parts])
+
+
+def decode(name: str, data: Buffer) -> dict[str, Any]:
+    """Return the fields of message `name` from CDR bytes.
+
+    Arrays are flat, read-only views of `data` and may be unaligned: copy them before a compiled kernel sees them.
+
+    Raises
+    ------
+    WireError
+        Where the bytes end early, go on too long, or are not plain little-endian CDR.
+    """
+    return _decode(name, data)[0]
+
+
+def decode_head(name: str, data: Buffer) -> dict[str, Any]:
+    """Return the fields of sealed message `name` up to its checksum; the rest is not looked at.
+
+    Raises
+    ------
+    WireError
+        Where the bytes end too early, or are not plain little-endian CDR.
+    """
+    return _decode(name, data, whole=False)[0]
+
+
+def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any], int]:
+    """Return the fields of a message, or those up to its checksum, and where what that covers begins.
+
+    Nothing is allocated on the word of the sender.
+    """
+    view = memoryview(data)
+    if view[:2] != ENCAPSULATION[:2]:
+        raise WireError(f"{name}: starts with {bytes(view[:4]).hex()}, not with plain little-endian CDR (0001)")
+    body = view[len(ENCAPSULATION) :]
+    size = len(body)
+    values: dict[str, Any] = {}
+    at = covered = 0
+    for field, kind, form, dtype, most in _LAYOUT[name]:
+        count, item = 1, form.size
+        try:
+            if kind == "scalar":
+                at += -at % item
+                (values[field],) = form.unpack_from(body, at)
+                at += item
+            elif kind == "array":
+                at += -at % 4
+                (count,) = _LENGTH.unpack_from(body, at)
+                at += 4
+                if count > most:
+                    raise WireError(f"{name}.{field}: {count} values, should be {most} at most")
+                if count:
+                    at += -at % item
+                if at + count * item > size:
+                    raise struct.error
+                values[field] = np.frombuffer(body, dtype, count, at)
+                at += count * item
+            elif kind == "string":
+                try:
+                    values[field], at = _string(name, field, body, at)
+                except (struct.error, WireError):
+                    if ADDED.get(name) != field or size - at > SLACK:
+                        raise
+                    values[field] = ""
+            elif kind == "text":
+                (short,) = form.unpack_from(body, at)
+                if not short.isascii():
+                    raise WireError(f"{name}.{field}: {short!r} is not ASCII")
+                values[field] = short.rstrip(b"\0").decode()
+                at += item
+            else:
+                at += -at % 4
+                (count,) = _LENGTH.unpack_from(body, at)
+                at += 4
+                texts = values[field] = []
+                for _ in range(count):
+                    text, at = _string(name, field, body, at)
+                    texts.append(text)
+        except struct.error:
+            start, end = at + len(ENCAPSULATION), at + len(ENCAPSULATION) + count * item
+            raise WireError(f"{name}.{field}: wants bytes {start} to {end}, the message has {len(view)}") from None
+        if field == "checksum":
+            covered = at + len(ENCAPSULATION)
+            if not whole:
+                return values, covered
+    if size - at > (0 if is_sealed(name) else SLACK):
+        raise WireError(f"{name}: {size - at} bytes too many after byte {at + len(ENCAPSULATION)}")
+    return values, covered
+
+
+def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]:
+    """Return a string of a message and where it ends."""
+    at += -at % 4
+    (length,) = _LENGTH.unpack_from(body, at)
+    at += 4
+    text = bytes(body[at : at + length])
+    if len(text) < length:
+        raise struct.error
+    if text[-1:] != b"\0":
+        raise WireError(f"{name}.{field}: the string at byte {at + len(ENCAPSULATION)} does not end with a zero")
+    try:
+        return text[:-1].decode(), at + length
+    except UnicodeDecodeError as error:
+        where = at + len(ENCAPSULATION)
+        raise WireError(f"{name}.{field}: the string at byte {where} is not UTF-8: {error}") from None
+
+
+HELLO_BYTES = 400
+"""A hello is smaller; what is smaller may be one."""
+
+_EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: ""}
+
+
+def hello(name: str, incarnation: str) -> bytes:
+    """Return message `name` of a stream without cells: it shows that the node's messages arrive, and says nothing else.
+
+    Parameters
+    ----------
+    name
+        "BridgeForce", "StickSlip" or "Verdicts".
+    incarnation
+        Of the node that publishes it.
+    """
+    values: dict[str, Any] = {field: _EMPTY.get(kind, ()) for field, kind in FIELDS[name].items()}
+    return encode(name, {**values, "incarnation": incarnation, "offsets": (0,)})
+
+
+def hello_from(name: str, data: Buffer) -> str:
+    """Return the incarnation of the node that a hello comes from; "" where the message is none."""
+    if len(data) > HELLO_BYTES:
+        return ""
+    try:
+        values = unseal(name, data)
+    except WireError:
+        return ""
+    return "" if len(values["cells"]) else str(values["incarnation"])
+
+
+def identity(values: Mapping[str, Any]) -> Identity:
+    """Return the identity of a decoded sealed message."""
+    return Identity(*(values[field] for field in Identity._fields))
+
+
+def unseal(name: str, data: Buffer) -> dict[str, Any]:
+    """Return the fields of sealed message `name` after checking its checksum and the lengths of its arrays.
+
+    Raises
+    ------
+    WireError
+        Where the checksum does not hold, or arrays do not fit each other.
+    """
+    values, covered = _decode(name, data)
+    expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=_place(values["block"], values["chunk"]))
+    if values["checksum"] != expected:
+        raise WireError(f"{name}: checksum {values['checksum']:016x} does not hold, the bytes give {expected:016x}")
+    cells = len(values["cells"])
+    lengths: dict[str, int] = {}
+    if name == "BridgeForce":
+        lengths = {"data": cells * values["samples"]}
+    elif name == "StickSlip":
+        _check_intervals(values)
+        lengths = {"slipping": cells, "offsets": cells + 1}
+    elif name == "Verdicts":
+        lengths = dict.fromkeys(("correlation", "period", "slips", "corners", "regime", "confidence"), cells)
+    for field, length in lengths.items():
+        if len(values[field]) != length:
+            raise WireError(f"{name}.{field}: {len(values[field])} values for {cells} cells, should be {length}")
+    return values
+
+
+def _check_intervals(values: Mapping[str, Any]) -> None:
+    """Raise where the slip intervals of a chunk do not lie in order, apart and within the chunk."""
+    offsets, onset, duration = (values[name].astype(np.int64) for name in ("offsets", "onset", "duration"))
+    count = len(onset)
+    if len(duration) != count or len(values["slip"]) != count:
+        raise WireError(
+            f"StickSlip: {count} onsets, {len(duration)} durations, {len(values['slip'])} slips; should be equal"
+        )
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (offsets[1:] < offsets[:-1]).any():
+        raise WireError(f"StickSlip.offsets: should rise from 0 to {count}, the number of intervals")
+    if not count:
+        return
+    ends = onset + duration
+    if duration.min() < 1 or ends.max() > values["samples"]:
+        raise WireError(f"StickSlip: an interval is empty or reaches past the chunk's {values['samples']} samples")
+    apart = onset[1:] > ends[:-1]
+    first = offsets[(offsets > 0) & (offsets < count)]  # of its cell: free to begin before the cell above ends
+    apart[first - 1] = True
+    if not apart.all():
+        raise WireError("StickSlip: the intervals of a cell should come in order, at least one sample apart")

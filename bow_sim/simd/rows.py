@@ -1,0 +1,98 @@
+"""Two operations on blocks of rows of eight lanes: convolution of several steps, and transposition.
+
+Both are written out for the compiler, instruction by instruction, because how they use the registers is
+what their speed depends on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+
+from bow_sim.simd.jit import intrinsic
+from bow_sim.simd.lanes import LANES, LANES_OF, broadcast, element_aligned, pointer, vector
+
+_I64 = ir.IntType(64)
+
+
+def fir_of(rows: int) -> Any:
+    """Make the convolution of ``rows`` successive steps, unrolled over the taps.
+
+    ``out[o + r w : + 8] = 0 + taps[0] x[i + r w] + taps[1] x[i + (r + 1) w] + ...`` with ``w = width``, each sum from
+    left to right. Doing several steps at once reads each sample and each tap once instead of ``rows`` times.
+    The number of taps is part of their type, a tuple, so a kernel is compiled for each.
+    """
+
+    @intrinsic
+    def fir(typingctx: Any, taps: Any, x: Any, i: Any, out: Any, o: Any, width: Any) -> Any:
+        lanes = LANES_OF[x.dtype]
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            tap_values, x_value, i_value, out_value, o_value, w = args
+            kind = vector(lanes)
+
+            def row(array_type: Any, array: Any, start: Any, number: int) -> Any:
+                index = builder.add(start, builder.mul(w, ir.Constant(_I64, number)))
+                return pointer(context, builder, array_type, array, index, kind)
+
+            zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * LANES)
+            sums = [zero] * rows
+            window: list[Any] = []
+            for k in range(taps.count):
+                tap = broadcast(builder, builder.extract_value(tap_values, k), kind)
+                for r in range(rows):
+                    if k + r == len(window):
+                        window.append(element_aligned(builder.load(row(x, x_value, i_value, k + r)), x))
+                    sums[r] = builder.fadd(sums[r], builder.fmul(tap, window[k + r]))
+            for r in range(rows):
+                element_aligned(builder.store(sums[r], row(out, out_value, o_value, r)), out)
+            return context.get_dummy_value()
+
+        return types.void(taps, x, types.intp, out, types.intp, types.intp), codegen
+
+    return fir
+
+
+def _interleave(builder: Any, rows: Sequence[Any]) -> list[Any]:
+    """Transpose eight vectors of eight in three rounds of shuffles."""
+    index = ir.VectorType(ir.IntType(32), LANES)
+    low = ir.Constant(index, [i // 2 + LANES * (i % 2) for i in range(LANES)])
+    high = ir.Constant(index, [LANES // 2 + i // 2 + LANES * (i % 2) for i in range(LANES)])
+    for _ in range(3):
+        half = LANES // 2
+        pairs = [(rows[i], rows[i + half]) for i in range(half)]
+        rows = [builder.shuffle_vector(a, b, order) for a, b in pairs for order in (low, high)]
+    return list(rows)
+
+
+@intrinsic
+def transpose(typingctx: Any, x: Any, i: Any, width: Any, out: Any, o: Any, stride: Any) -> Any:
+    """Write eight rows of eight lanes as eight columns of float32.
+
+    ``out[o + lane stride + r] = x[i + r width + lane]`` for r and lane in 0 ... 7.
+    """
+    lanes = LANES_OF[x.dtype]
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        x_value, i_value, w, out_value, o_value, s = args
+        single = ir.VectorType(ir.FloatType(), LANES)
+
+        def place(start: Any, step: Any, number: int) -> Any:
+            return builder.add(start, builder.mul(step, ir.Constant(_I64, number)))
+
+        rows = []
+        for r in range(LANES):
+            value = element_aligned(
+                builder.load(pointer(context, builder, x, x_value, place(i_value, w, r), vector(lanes))), x
+            )
+            rows.append(builder.fptrunc(value, single) if lanes.dtype is types.float64 else value)
+        for lane, column in enumerate(_interleave(builder, rows)):
+            element_aligned(
+                builder.store(column, pointer(context, builder, out, out_value, place(o_value, s, lane), single)), out
+            )
+        return context.get_dummy_value()
+
+    return types.void(x, types.intp, types.intp, out, types.intp, types.intp), codegen

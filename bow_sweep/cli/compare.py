@@ -1,0 +1,74 @@
+"""The command `bow compare`: runs beside each other."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+DONE, USAGE = 0, 2
+
+
+def add_command(commands: Any) -> None:
+    """Add the parser of `compare`; it has a default `run` that takes the arguments."""
+    parser = commands.add_parser(
+        "compare",
+        help="hold runs against each other: terrain and playability",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Measure how easy a string is to play in each of several runs, and print the numbers beside each\n"
+        "other: the share of gestures that reach Helmholtz motion, the largest contiguous area of them, how long\n"
+        "their transients are and how different (quartile to quartile), how long the boundary is, and the areas of\n"
+        "the five kinds of terrain that section IV.B of the paper tells apart:\n\n"
+        "  black                  cannot be played\n"
+        "  smooth                 a small change of gesture changes the transient a little: docile\n"
+        "  speckle without black  Helmholtz motion is safe, but transients are uneven\n"
+        "  speckle with black     success and failure without order: dangerous\n"
+        "  streaky                success and failure in streaks: the same to a player\n\n"
+        "Each number comes with its uncertainty, from the four interleaved grids of half the density. Of two runs the\n"
+        "difference is shown too; it is sure, *, where it is above three uncertainties and the coarser grids show it.",
+        epilog="examples:\n"
+        "  bow compare runs/fig11c runs/fig11d                    delta against stiff, with the difference\n"
+        "  bow compare runs/fig11? --out compared.png             the same as a picture, with maps and terrain\n"
+        "  bow compare runs/a runs/b --json > compared.json       for programs\n\n"
+        "exit status: 0 done, 2 wrong usage",
+    )
+    parser.add_argument("runs", metavar="RUN", nargs="+", type=Path, help="run directory, or a map.npz; two or more")
+    parser.add_argument("--out", metavar="F", type=Path, help="also draw them: .png, .svg or .pdf by its suffix")
+    parser.add_argument("--json", action="store_true", help="print JSON rather than a table")
+    parser.set_defaults(run=_compare)
+
+
+def _fail(message: str) -> int:
+    print(f"bow: {message}", file=sys.stderr)
+    return USAGE
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from bow_sim.figures.page import FigureError, check_path
+    from bow_sweep.maps.map_file import MapFileError
+    from bow_sweep.view.compare import as_json, compare, draw, notes, table
+
+    try:
+        if args.out:
+            check_path(args.out)
+        found = compare(args.runs)
+    except (MapFileError, FigureError) as error:
+        return _fail(str(error))
+    if args.json:
+        print(json.dumps(as_json(found), indent=2))
+    else:
+        from rich.console import Console
+
+        width = None if sys.stdout.isatty() else 200
+        Console(width=width, highlight=False, markup=False).print(table(found))
+        for note in notes(found):
+            print(f"note: {note}")
+    if args.out:
+        try:
+            draw(found, args.out)
+        except OSError as error:
+            return _fail(f"--out {args.out}: cannot be written: {error.strerror}")
+        print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
+    return DONE

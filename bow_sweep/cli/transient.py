@@ -1,0 +1,97 @@
+"""`bow transient`: the waveforms of one cell as arrays, picture, sound and words."""
+
+from __future__ import annotations
+
+import wave
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bow_sim.atomic_files import replacing
+from bow_sim.physics.parameters import Parameters
+
+Waveforms = Mapping[str, np.ndarray]
+"""As :func:`bow_sim.kernel.block.transient` returns them: name -> (samples,)."""
+
+REGULAR_WITHIN = 5
+"""Samples by which the time between slip onsets may differ from the nominal period in regular motion."""
+
+
+def slip_onsets(slipping: np.ndarray) -> np.ndarray:
+    """Return the samples t with slipping[t] and not slipping[t - 1], shape (onsets,)."""
+    return np.flatnonzero(slipping[1:] & ~slipping[:-1]) + 1
+
+
+def regular_from(slipping: np.ndarray, period: int) -> int | None:
+    """Return the onset after which slips come once a period to the end, or None (PHYSICS.md section 8, Figs 5-8)."""
+    onsets = slip_onsets(slipping)
+    irregular = np.flatnonzero(np.abs(np.diff(onsets) - period) > REGULAR_WITHIN)
+    first = irregular[-1] + 1 if irregular.size else 0
+    if onsets.size - first < 3 or len(slipping) - onsets[-1] > period + REGULAR_WITHIN:
+        return None
+    return int(onsets[first])
+
+
+def describe(parameters: Parameters, waveforms: Waveforms) -> str:
+    """Return in a line or two what became of the transient."""
+    onset = regular_from(waveforms["slipping"], parameters.period)
+    slips = len(slip_onsets(waveforms["slipping"]))
+    begin = f"{parameters.model}, {len(waveforms['v'])} samples, {slips} slips: "
+    if onset is None:
+        return begin + "no regular one-slip-a-period motion by the end"
+    return begin + f"one slip a period from slip onset {onset} on (period {onset / parameters.period:.1f})"
+
+
+def save_npz(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
+    """Write the waveforms and the settings as a NumPy archive, whole or not at all."""
+    arrays: dict[str, Any] = {"settings": np.array(parameters.settings()), **waveforms}
+    with replacing(path) as file:
+        np.savez_compressed(file, **arrays)
+
+
+def save_wav(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
+    """Write the bridge force as 16-bit sound at the simulation's sampling rate, loudest sample at full scale."""
+    force = waveforms["bridge_force"] - np.mean(waveforms["bridge_force"])
+    scaled = np.round(32767 * force / max(np.max(np.abs(force)), 1e-300)).astype("<i2")
+    with replacing(path) as file, wave.open(file, "wb") as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(2)
+        sound.setframerate(round(parameters.sample_rate))
+        sound.writeframes(scaled.tobytes())
+
+
+def draw(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
+    """Draw surface velocity, bridge force and friction force over time, in the manner of Fig 6.
+
+    Raises
+    ------
+    ValueError
+        Where the suffix names no picture format.
+    """
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise ValueError(f"--plot {path}: should end in .png, .svg or .pdf")
+    from matplotlib.figure import Figure
+
+    rows = {
+        "v": "surface velocity $v$ / $v_b$",
+        "bridge_force": "bridge force",
+        "friction_force": "friction force $f$",
+    }
+    figure = Figure(figsize=(11, 7), layout="constrained")
+    axes = figure.subplots(len(rows), 1, sharex=True)
+    periods = np.arange(len(waveforms["v"])) / parameters.period
+    for axis, (name, label) in zip(axes, rows.items(), strict=True):
+        axis.plot(periods, waveforms[name], lw=0.6, color="#1f4e79")
+        axis.set_ylabel(label)
+        axis.margins(x=0)
+        axis.grid(alpha=0.25)
+    axes[-1].set_xlabel("time (nominal periods)")
+    p = parameters
+    axes[0].set_title(
+        f"{p.model.replace('_', '/')}, $v_{{mid}}$ = {p.v_mid:g}, $f_{{asym}}$ = {p.f_asym:g}, "
+        f"$f_{{init}}/f_{{asym}}$ = {p.f_init_ratio:g}, $\\beta$ = {p.bow_bridge}/{p.period}"
+    )
+    with replacing(path) as file:
+        figure.savefig(file, format=path.suffix[1:], dpi=150)

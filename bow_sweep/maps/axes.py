@@ -1,0 +1,196 @@
+"""An axis of the map as pictures need it: where its cells and ticks lie, and what to write beside them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from bow_sim.physics.parameters import FIELDS
+
+TITLES = {
+    "f_asym": "asymptotic bow force",
+    "f_init_ratio": "initial / asymptotic bow force",
+    "v_mid": "string speed where friction is midway",
+    "tau_f": "time constant of the bow force",
+}
+"""What an axis is called in full; other parameters are called by their own description."""
+
+SYMBOLS = {
+    "f_asym": r"$f_\mathrm{asym}$",
+    "f_init_ratio": r"$f_\mathrm{init}\,/\,f_\mathrm{asym}$",
+    "v_mid": r"$v_\mathrm{mid}$",
+    "tau_f": r"$\tau_f$",
+    "stiffness_b": r"$B$",
+    "bow_bridge": r"$\beta N$",
+}
+"""The paper's symbols, for print."""
+
+PLAIN_SYMBOLS = {"f_init_ratio": "f_init / f_asym"}
+"""Symbols for viewers that cannot set mathematics, where the name itself will not do."""
+
+
+class Tick(NamedTuple):
+    """A mark on an axis; `text` is empty for a minor one."""
+
+    position: float
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """One axis of a map, measured in cells: cell i reaches from i to i + 1, its value lies at i + 1/2.
+
+    Attributes
+    ----------
+    name
+        The parameter along it.
+    values
+        (cells,) rising or falling, in the parameter's unit.
+    scale
+        "log" or "linear".
+    """
+
+    name: str
+    values: np.ndarray
+    scale: str
+
+    @classmethod
+    def of(cls, name: str, values: np.ndarray) -> Axis:
+        """Return the axis through `values`, logarithmic where they are spaced so.
+
+        Raises
+        ------
+        ValueError
+            Where the values are none, not finite or not all different and in order.
+        """
+        values = np.asarray(values, float)
+        steps = np.diff(values)
+        if values.ndim != 1 or not values.size or not np.isfinite(values).all():
+            raise ValueError(f"axis {name}: should be one or more finite numbers, is {values!r}")
+        if not ((steps > 0).all() or (steps < 0).all()):
+            raise ValueError(f"axis {name}: its values should rise or fall throughout")
+        return cls(name, values, "log" if _is_geometric(name, values) else "linear")
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return len(self.values)
+
+    def position(self, value: float) -> float:
+        """Return where a value lies, in cells; beyond the ends the scale goes on."""
+        if self.count == 1:
+            return 0.5
+        first, last = self._scaled(self.values[0]), self._scaled(self.values[-1])
+        return (self._scaled(value) - first) / (last - first) * (self.count - 1) + 0.5
+
+    def _scaled(self, value: float) -> float:
+        return math.log10(value) if self.scale == "log" else float(value)
+
+    def _at(self, position: float) -> float:
+        """Return the value at a position: the inverse of :meth:`position`."""
+        if self.count == 1:
+            return float(self.values[0])
+        first, last = self._scaled(self.values[0]), self._scaled(self.values[-1])
+        scaled = first + (position - 0.5) / (self.count - 1) * (last - first)
+        return 10**scaled if self.scale == "log" else scaled
+
+    def ticks(self) -> list[Tick]:
+        """Return the ticks within the axis, labelled and minor ones, in rising position."""
+        if self.count == 1:
+            return [Tick(0.5, _number(self.values[0]))]
+        low, high = sorted((self._at(0.0), self._at(float(self.count))))
+        if self.scale == "log" and high / low >= 3:
+            major, minor = _log_ticks(low, high)
+        else:
+            major, minor = _linear_ticks(low, high)
+        labelled = {round(self.position(value), 9): Tick(self.position(value), _number(value)) for value in major}
+        plain = {round(self.position(value), 9): Tick(self.position(value), "") for value in minor}
+        inside = {**plain, **labelled}
+        return sorted(tick for tick in inside.values() if -1e-9 <= tick.position <= self.count + 1e-9)
+
+    def title(self, mathematics: bool = True, settings: Iterable[str] = ()) -> str:
+        """Return what to write along the axis: name, symbol and unit.
+
+        Parameters
+        ----------
+        mathematics
+            Symbols between dollar signs, for Matplotlib; else the parameter's name.
+        settings
+            "name=value" of the sweep: bow force is non-dimensional, and they say by what.
+        """
+        known = FIELDS.get(self.name)
+        words = TITLES.get(self.name) or (known.metadata["doc"] if known else self.name)
+        if mathematics:
+            symbol = SYMBOLS.get(self.name, self.name.replace("_", " ") if known is None else self.name)
+        else:
+            symbol = PLAIN_SYMBOLS.get(self.name, self.name)
+        unit = self._unit(mathematics, settings)
+        label = words if symbol == words else f"{words}  {symbol}"
+        return f"{label}  ({unit})" if unit else label
+
+    def _unit(self, mathematics: bool, settings: Iterable[str]) -> str:
+        if self.name == "f_init_ratio":
+            return ""
+        if self.name == "f_asym":  # force = speed / admittance
+            given = dict(setting.partition("=")[::2] for setting in settings)
+            speed, admittance = (_tidy(given.get(key, usual)) for key, usual in (("v_b", "1"), ("y_t", "2")))
+            names = (r"$v_b = ", r"$Y_T = ", "$") if mathematics else ("v_b = ", "Y_T = ", "")
+            return f"units of the string: {names[0]}{speed}{names[2]}, {names[1]}{admittance}{names[2]}"
+        known = FIELDS.get(self.name)
+        return str(known.metadata["unit"]) if known else ""
+
+
+def _tidy(number: str) -> str:
+    try:
+        return f"{float(number):g}"
+    except ValueError:
+        return number
+
+
+def _is_geometric(name: str, values: np.ndarray) -> bool:
+    if len(values) < 2 or values.min() <= 0:
+        return False
+    if len(values) == 2:  # two points fit any scale: take the usual one of the parameter
+        known = FIELDS.get(name)
+        return known is not None and known.metadata.get("scale") == "log"
+    logs = np.diff(np.log(values))
+    steps = np.diff(values)
+    return bool(np.ptp(logs) < 1e-6 * abs(logs).max() and np.ptp(steps) > 1e-6 * abs(steps).max())
+
+
+def _log_ticks(low: float, high: float) -> tuple[list[float], list[float]]:
+    """Return (labelled, minor) values: 1, 2, 5 a decade, or whole decades where there are many."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    wide = len(decades) > 5
+    heads: tuple[int, ...] = (1,) if wide else (1, 2, 5)
+    step = -(-len(decades) // 8) if wide else 1
+    major = [head * 10.0**decade for decade in decades if decade % step == 0 for head in heads]
+    minor = [head * 10.0**decade for decade in decades for head in ((1,) if step > 1 else range(1, 10))]
+    return _inside(major, low, high), _inside(minor, low, high)
+
+
+def _linear_ticks(low: float, high: float) -> tuple[list[float], list[float]]:
+    """Return (labelled, minor) values: about five round numbers, each step in four or five."""
+    rough = (high - low) / 5
+    power = 10.0 ** math.floor(math.log10(rough))
+    factor, parts = next((f, p) for f, p in ((1, 5), (2, 4), (2.5, 5), (5, 5), (10, 5)) if f * power >= rough * 0.8)
+    step = factor * power
+    major = np.arange(math.floor(low / step), math.ceil(high / step) + 1) * step
+    fine = step / parts
+    minor = np.arange(math.floor(low / fine), math.ceil(high / fine) + 1) * fine
+    return _inside(major, low, high), _inside(minor, low, high)
+
+
+def _inside(values: Iterable[float], low: float, high: float) -> list[float]:
+    slack = 1e-9 * (high - low)
+    return [float(value) for value in values if low - slack <= value <= high + slack]
+
+
+def _number(value: float) -> str:
+    """Return a number as people write it: no trailing zeros, no rounding dust."""
+    text = f"{float(value):.6g}"
+    return "0" if float(text) == 0 else text

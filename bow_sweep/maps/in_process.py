@@ -1,0 +1,77 @@
+"""A sweep computed and judged in this process, without a graph and without a bag: for validation and calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bow_classifier.block_classifier import BlockJudge, Geometry, Judgement
+from bow_classifier.features.slips import Intervals
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.kernel.block import Block, ChunkResult
+from bow_sim.physics.parameters import Parameters
+from bow_sweep.maps.basin_map import Basin
+from bow_sweep.plan.sweep import Sweep
+
+
+def intervals_of(chunk: ChunkResult) -> Intervals:
+    """Return the slips of a chunk as the classifier takes them."""
+    return Intervals(
+        slipping=chunk.slipping, offsets=chunk.offsets, onset=chunk.onset, duration=chunk.duration, slip=chunk.slip
+    )
+
+
+def judgements(
+    parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
+) -> Iterator[Judgement]:
+    """Simulate cells and yield the verdicts after every five periods.
+
+    Parameters
+    ----------
+    parameters
+        What all cells share.
+    lanes
+        What differs: name -> (cells,), as in :class:`bow_sim.kernel.block.Block`.
+    thresholds
+        Of the verdicts; the default ones unless given.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, cell and value that is wrong.
+    """
+    block = Block(parameters, lanes)
+    cells = len(np.asarray(next(iter(lanes.values()))))
+    speed = lanes.get("v_b", parameters.v_b)
+    position = lanes.get("bow_bridge", parameters.bow_bridge)
+    judge = BlockJudge(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
+    for _ in range(parameters.chunks):
+        chunk = block.advance()
+        yield judge.judge(chunk.bridge_force, intervals_of(chunk))
+
+
+def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
+    """Compute the map of a sweep, one block after the other; of an adaptive one, what it asks for.
+
+    Parameters
+    ----------
+    sweep
+        Its plan.
+    progress
+        Called with (cells done, cells) after each block.
+    """
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    done, blocks = 0, sweep.first_blocks
+    while True:
+        for number in range(done, blocks.count):
+            cells = blocks.block(number)
+            for test, verdict in enumerate(judgements(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
+                basin.take(test, cells, verdict._asdict())
+            if progress:
+                progress(int(np.count_nonzero(basin.tested)), sweep.budget)
+        more = sweep.more_blocks(blocks, basin.transient_periods)
+        if more is None:
+            return basin
+        done, blocks = blocks.count, more

@@ -1,0 +1,246 @@
+"""The finished map: ``map.npz`` for programs, pictures for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bow_sim.atomic_files import read_arrays, replacing
+from bow_sim.physics.parameters import CHUNK_PERIODS, FIELDS
+from bow_sweep.maps.plane import PENDING, Plane
+
+if TYPE_CHECKING:
+    from bow_sweep.maps.basin_map import Basin
+    from bow_sweep.plan.sweep import Sweep
+
+MAP = "map.npz"
+"""Name of the file in a run directory."""
+
+TESTS = {
+    "correlation": np.float32,
+    "period": np.float32,
+    "slips": np.uint16,
+    "corners": np.uint16,
+    "helmholtz": np.bool_,
+}
+"""Arrays of map.npz that hold a value for every test of every cell, and their types."""
+
+HISTORY = {"regimes": np.uint8, "confidence": np.float32}
+"""More of these; files written before there were any do without."""
+
+DERIVED = ("regressions", "flattening", "count")
+"""Arrays of map.npz with a value for every cell that follow from the others: for readers, not read back."""
+
+TEXTS = ("run_id", "sweep_id", "x_name", "y_name", "preset")
+
+
+class MapFileError(ValueError):
+    """A file is not a map, or a map cannot be drawn as asked; says which and why."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MapFile(Plane):
+    """A map with every test of every cell: what ``map.npz`` holds.
+
+    Attributes
+    ----------
+    test_periods
+        (tests,) periods after which each test was made.
+    correlation, period
+        (tests, ny, nx) float32; NaN = no interior maximum, or not computed. `period` in samples.
+    slips, corners
+        (tests, ny, nx) uint16, in the last five periods before each test.
+    helmholtz
+        (tests, ny, nx) bool: whether all three tests passed. False after True is a regression.
+    regimes
+        (tests, ny, nx) uint8: `regime` at every test, 255 = no verdict; None = not kept.
+    confidence
+        (tests, ny, nx) float32, 0 ... 1: that the regime is named rightly; NaN = no verdict; None = not kept.
+    simulated
+        (ny, nx) bool: cells that were simulated, of an adaptive sweep; elsewhere `transient_periods` is predicted, or
+        NaN where it was given up. None for an exhaustive sweep.
+    """
+
+    test_periods: np.ndarray
+    correlation: np.ndarray
+    period: np.ndarray
+    slips: np.ndarray
+    corners: np.ndarray
+    helmholtz: np.ndarray
+    simulated: np.ndarray | None = None
+    regimes: np.ndarray | None = None
+    confidence: np.ndarray | None = None
+
+    @property
+    def regressions(self) -> np.ndarray:
+        """(ny, nx) uint16: how often a test failed directly after one that passed."""
+        passed = np.asarray(self.helmholtz, bool)
+        return np.asarray((passed[:-1] & ~passed[1:]).sum(axis=0), np.uint16)
+
+    @property
+    def flattening(self) -> np.ndarray:
+        """(ny, nx) float32, cents: how far Helmholtz motion at the last test lies below nominal pitch; else NaN."""
+        with np.errstate(invalid="ignore"):
+            cents = 1200 * np.log2(np.asarray(self.period[-1], float) / self._number("period"))
+        return np.where(self.helmholtz[-1], cents, np.nan).astype(np.float32)
+
+    @property
+    def count(self) -> np.ndarray:
+        """(ny, nx) uint8: the number that belongs to the regime's name, see `bow_classifier.verdict.regimes.count`."""
+        from bow_classifier.verdict.regimes import count
+
+        bridge = np.full(self.shape, self._number("bow_bridge"))
+        for name, along in ((self.x_name, self.x[None, :]), (self.y_name, self.y[:, None])):
+            if name == "bow_bridge":
+                bridge[:] = along
+        nominal = self._number("period")
+        return count(self.regime, self.period[-1], self.slips[-1], self.corners[-1], nominal, bridge / nominal)
+
+    def _number(self, name: str) -> float:
+        return float(self.values.get(name, FIELDS[name].default))  # type: ignore[arg-type]  # a number's text
+
+    @classmethod
+    def of(cls, sweep: Sweep, basin: Basin, run_id: str, not_computed: np.ndarray | None = None) -> MapFile:
+        """Return the map of a sweep from the coordinator's verdicts.
+
+        Parameters
+        ----------
+        not_computed
+            (ny * nx,) bool: cells that are not done (quarantined or outstanding), whatever is known of them.
+        """
+        from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+
+        shape = (basin.ny, basin.nx)
+        regimes = basin.layers["regime"]
+        layers = {**basin.layers, "helmholtz": is_helmholtz(regimes), "regimes": regimes}
+        length, regime = basin.transient_periods.copy(), basin.latest("regime").copy()
+        if not_computed is not None:
+            length[not_computed], regime[not_computed] = np.nan, PENDING
+        return cls(
+            run_id=run_id,
+            sweep_id=sweep.sweep_id,
+            x_name=sweep.x.name,
+            y_name=sweep.y.name,
+            x=sweep.x.values(),
+            y=sweep.y.values(),
+            transient_periods=length.reshape(shape),
+            regime=regime.reshape(shape),
+            regime_names=tuple(REGIMES),
+            settings=sweep.settings(),
+            preset=sweep.preset,
+            test_periods=np.arange(1, basin.tests + 1) * CHUNK_PERIODS,
+            **{name: layers[name].reshape(basin.tests, *shape) for name in (*TESTS, *HISTORY)},
+        )
+
+
+def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
+    """Return the arrays that ``map.npz`` holds of a map, by name.
+
+    The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
+    `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY`
+    (tests, ny, nx), `test_periods` (tests), `settings`, the names of `TEXTS`; for an adaptive sweep `simulated` (ny,
+    nx).
+
+    Raises
+    ------
+    MapFileError
+        Where the shapes do not fit each other.
+    """
+    ny, nx = result.shape
+    tests = len(result.test_periods)
+    arrays: dict[str, np.ndarray] = {
+        "transient_periods": np.asarray(result.transient_periods, np.float32),
+        "regime": np.asarray(result.regime, np.uint8),
+        "regime_names": np.array(result.regime_names, dtype=np.str_),
+        "test_periods": np.asarray(result.test_periods),
+        "settings": np.array(result.settings, dtype=np.str_),
+        **{name: np.array(getattr(result, name), dtype=np.str_) for name in TEXTS},
+        **{name: np.asarray(getattr(result, name), kind) for name, kind in TESTS.items()},
+    }
+    shapes = {"transient_periods": (ny, nx), "regime": (ny, nx), **dict.fromkeys(TESTS, (tests, ny, nx))}
+    if result.simulated is not None:
+        arrays["simulated"], shapes["simulated"] = np.asarray(result.simulated, np.bool_), (ny, nx)
+    for name, kind in HISTORY.items():
+        if getattr(result, name) is not None:
+            arrays[name], shapes[name] = np.asarray(getattr(result, name), kind), (tests, ny, nx)
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise MapFileError(f"{name}: shape {arrays[name].shape}, should be {shape}")
+    arrays |= {name: getattr(result, name) for name in DERIVED}
+    for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
+        # the parameter `period` shares its name with a test; its axis is stored as axis_period
+        arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
+    return arrays
+
+
+def write_map_npz(path: str | Path, result: MapFile) -> None:
+    """Write the arrays of a map; readers see the old file or the new one, never half of it.
+
+    Raises
+    ------
+    MapFileError
+        Where the shapes do not fit each other.
+    """
+    arrays = map_arrays(result)
+    with replacing(path) as file:
+        np.savez(file, allow_pickle=False, **arrays)  # 3 MB; compressing costs half as much as the kernel
+
+
+def read_map_npz(path: str | Path) -> MapFile:
+    """Return the map in a file that :func:`write_map_npz` wrote.
+
+    Raises
+    ------
+    MapFileError
+        Where there is no such file, or it is not a map.
+    """
+    try:
+        arrays = read_arrays(path)
+    except (OSError, ValueError) as error:
+        raise MapFileError(f"{path}: cannot be read as a map: {error}") from None
+    try:
+        values: dict[str, Any] = {name: str(arrays[name]) for name in TEXTS}
+        for key in ("x", "y"):
+            name = values[f"{key}_name"]
+            values[key] = arrays.get(f"axis_{name}", arrays[name])
+        values |= {name: tuple(str(text) for text in np.ravel(arrays[name])) for name in ("regime_names", "settings")}
+        values |= {name: arrays[name] for name in ("transient_periods", "regime", "test_periods", *TESTS)}
+    except KeyError as error:
+        raise MapFileError(f"{path}: not a map of `bow sweep`: it has no array {error}") from None
+    values |= {name: arrays.get(name) for name in ("simulated", *HISTORY)}
+    result = MapFile(**values)
+    _check_arrays(path, result)
+    return result
+
+
+def _check_arrays(path: str | Path, result: MapFile) -> None:
+    """Raise MapFileError where the arrays do not fit each other or are not what they should be."""
+    for name in ("x", "y", "test_periods"):
+        if getattr(result, name).ndim != 1 or getattr(result, name).dtype.kind not in "iuf":
+            raise MapFileError(f"{path}: {name} should be a row of numbers")
+    ny, nx = result.shape
+    tests = len(result.test_periods)
+    shaped: dict[str, tuple[tuple[int, ...], Any]] = {"transient_periods": ((ny, nx), np.float32)}
+    right = shaped | {"regime": ((ny, nx), np.uint8)}
+    if result.simulated is not None:
+        right["simulated"] = ((ny, nx), np.bool_)
+    right |= {name: ((tests, ny, nx), kind) for name, kind in HISTORY.items() if getattr(result, name) is not None}
+    for name, (shape, kind) in {**right, **{name: ((tests, ny, nx), kind) for name, kind in TESTS.items()}}.items():
+        array = getattr(result, name)
+        if array.shape != shape or array.dtype != kind:
+            what = f"{name} is {array.dtype} with shape {array.shape}, should be {np.dtype(kind)} with {shape}"
+            raise MapFileError(f"{path}: {what}")
+
+
+def read_map(run: Path) -> MapFile:
+    """Return the map of a run directory, or in a map.npz.
+
+    Raises
+    ------
+    MapFileError
+        Where there is none.
+    """
+    return read_map_npz(run / MAP if run.is_dir() else run)

@@ -1,0 +1,119 @@
+"""Which of the paper's six maps (Fig 11) a run is, by its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bow_sim.physics.parameters import FIELDS
+from bow_sweep.maps.map_file import MapFile, MapFileError, read_map
+
+LAYOUT: dict[str, tuple[str, float]] = {
+    "a": ("delta_cremer", 0.9),
+    "b": ("stiff_cremer", 0.9),
+    "c": ("delta_cremer", 0.2),
+    "d": ("stiff_cremer", 0.2),
+    "e": ("delta_cremer", -2.0),
+    "f": ("stiff_cremer", -2.0),
+}
+"""Model and v_mid of the six maps of Fig 11."""
+
+CALIBRATION = ("bridge_r", "bridge_w_c", "dtype", "nut_cutoff", "nut_power", "periods", "stiffness_b", "torsion_half")
+"""Parameters that the paper does not give, and length: a map of the paper may have others, and its title says so."""
+
+PERIODS, FIG10_PERIODS = 100, 40
+"""Length of the simulations of Fig 11 and Fig 10 (section IV.A)."""
+
+ENDS = (0.5, 20.0, 0.0, 2.0)
+"""First and last f_asym and f_init/f_asym (caption of Fig 10)."""
+
+
+@dataclass(frozen=True)
+class PaperMaps:
+    """Maps by their letter in Fig 11, and for each run where it is and what it is."""
+
+    maps: dict[str, MapFile]
+    listed: tuple[tuple[str, str], ...]
+
+
+def recognise(runs: Sequence[Path]) -> PaperMaps:
+    """Read runs, directories or map.npz files, and find out which of the paper's maps each is.
+
+    Of two of different length, Fig 10 and Fig 11(d) for instance, the longer counts.
+
+    Raises
+    ------
+    MapFileError
+        Where a run has no map, the map is none of the paper's or not finished, or two of one length are the same one.
+    """
+    maps: dict[str, MapFile] = {}
+    listed = []
+    for run in runs:
+        plane = read_map(run)
+        letter = letter_of(plane, str(run))
+        if letter in maps and maps[letter].periods == plane.periods:
+            raise MapFileError(f"{run}: a second run of Fig 11({letter}); should be one of each")
+        listed.append((str(run), title(letter, plane)))
+        if letter not in maps or plane.periods > maps[letter].periods:  # Fig 10 is the beginning of 11(d)
+            maps[letter] = plane
+    return PaperMaps(maps, tuple(listed))
+
+
+def letter_of(plane: MapFile, where: str) -> str:
+    """Return which map of Fig 11 this is.
+
+    Raises
+    ------
+    MapFileError
+        Where it is none of them, or has cells that are not computed; says what is other than the paper's.
+    """
+    given = plane.values
+    if (plane.x_name, plane.y_name) != ("f_asym", "f_init_ratio"):
+        raise MapFileError(
+            f"{where}: its axes are {plane.x_name} and {plane.y_name}; should be f_asym and f_init_ratio"
+        )
+    ends = (plane.x[0], plane.x[-1], plane.y[0], plane.y[-1])
+    if not np.allclose(ends, ENDS):
+        spans = [f"{low:g} ... {high:g}" for low, high in (ends[:2], ends[2:], ENDS[:2], ENDS[2:])]
+        raise MapFileError(f"{where}: its axes are {spans[0]} and {spans[1]}; should be {spans[2]} and {spans[3]}")
+    for name, entry in sorted(FIELDS.items()):
+        if name in given and name not in (*CALIBRATION, "model", "v_mid") and given[name] != str(entry.default):
+            raise MapFileError(f"{where}: {name} = {given[name]}; should be {entry.default}, as in the paper's maps")
+    mine = (given.get("model", ""), given.get("v_mid", ""))
+    letters = [letter for letter, (model, v_mid) in LAYOUT.items() if mine == (model, str(v_mid))]
+    if not letters:
+        raise MapFileError(
+            f"{where}: model = {mine[0]}, v_mid = {mine[1]}; should be delta_cremer or stiff_cremer at 0.9, 0.2 or -2.0"
+        )
+    if plane.simulated is not None:
+        predicted = int((~plane.simulated).sum())
+        raise MapFileError(f"{where}: {predicted} cells are predicted; should be none: sweep without adaptive")
+    missing = int(np.isnan(plane.transient_periods).sum())
+    if missing:
+        raise MapFileError(f"{where}: {missing} cells are not computed; should be none, see bow sweep --resume")
+    return letters[0]
+
+
+def other_settings(plane: MapFile) -> list[str]:
+    """Return the settings of `CALIBRATION` that are not the default ones, "name = value"."""
+    given = plane.values
+    return [f"{name} = {given[name]}" for name in CALIBRATION if given.get(name, _usual(name)) != _usual(name)]
+
+
+def _usual(name: str) -> str:
+    return str(FIELDS[name].default)
+
+
+def title(letter: str, plane: MapFile) -> str:
+    """Return what a map is, in words."""
+    ny, nx = plane.shape
+    return ", ".join([f"Fig 11({letter})", f"{nx} × {ny} cells", *other_settings(plane)])
+
+
+def at_paper_size(plane: MapFile) -> bool:
+    """Whether a map is as fine and as long as the paper's: 128 by 64 cells, 100 periods."""
+    ny, nx = plane.shape
+    return nx >= 128 and ny >= 64 and plane.periods >= PERIODS

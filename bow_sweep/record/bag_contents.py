@@ -1,0 +1,361 @@
+"""What is in a bag, found out by reading every byte of it once: who said what about which chunk, and what is wrong.
+
+Memory grows with the number of messages, not with their size: where a waveform lies is kept, not the waveform.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.records import Metadata
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sweep.record.bag import METADATA, BagError, BagMessage, bag_files, label
+from bow_sweep.record.expected import Expected
+from bow_sweep.record.mcap_reader import Scan
+from bow_sweep.record.mcap_records import Message
+from bow_sweep.record.metadata import FileInfo, MetadataError, differences, parse
+from bow_sweep.record.notes import Range, noted_in, outside, version_in
+from bow_sweep.record.topics import STORED_ONCE, TOPICS, short_name
+
+Progress = Callable[[float, float], None]
+"""Called with (done, total), in bytes."""
+
+MAX_PROBLEMS = 200
+"""Problems kept at most; the rest are counted."""
+
+LAYERS = ("correlation", "period", "slips", "corners", "regime", "confidence")
+"""What a verdict says of a cell."""
+
+Key = tuple[int, int]
+"""(block, chunk)."""
+
+
+class Place(NamedTuple):
+    """Where a sealed message lies."""
+
+    file: Path
+    offset: int
+    length: int
+    checksum: int
+
+
+class Verdict(NamedTuple):
+    """What is kept of a Verdicts message."""
+
+    checksum: int
+    chunk_checksum: int
+    layers: dict[str, np.ndarray]
+
+
+class Survey:
+    """The contents of a bag. Everything wrong becomes a problem, a dict with `what` and as much of where as is known.
+
+    Parameters
+    ----------
+    directory
+        Of the bag.
+    expected
+        The outline of the run where it is known from elsewhere.
+    last
+        Number of the message before the first; None: it may have any.
+
+    Attributes
+    ----------
+    expected
+        The outline of the run, from its plans so far; None where there is none.
+    said
+        Run and sweep of the first plan, whatever is expected.
+    plan
+        The latest plan.
+    epoch
+        The largest of all plans.
+    places
+        Topic ("bridge_force", "stick_slip") -> chunk -> the message stored for it.
+    verdicts
+        Chunk -> the verdict stored for it.
+    receipts
+        (kind, block, chunk) -> checksums that were receipted.
+    attempts
+        Block -> the latest attempt that anything is said of.
+    first, last
+        Numbers of the first and the last message.
+    gaps, noted
+        Numbers of the messages that are missing in between, and those that a file says are missing.
+    version
+        How the files say they are written, see :data:`bow_sweep.record.notes.HOW`.
+    """
+
+    def __init__(self, directory: Path, expected: Expected | None = None, last: int | None = 0) -> None:
+        self.directory = directory
+        self.expected = expected
+        self.said: tuple[str, str] | None = None
+        self.plan: dict[str, Any] = {}
+        self.epoch = 0
+        self.places: dict[str, dict[Key, Place]] = {"bridge_force": {}, "stick_slip": {}}
+        self.verdicts: dict[Key, Verdict] = {}
+        self.receipts: dict[tuple[int, int, int], set[int]] = {}
+        self.attempts: dict[int, int] = {}
+        self.files: list[FileInfo] = []
+        self.problems: list[dict[str, Any]] = []
+        self.problem_count = 0
+        self.messages = 0
+        self.first: int | None = None
+        self.last = last
+        self.gaps: list[tuple[Range, str]] = []
+        self.noted: list[Range] = []
+        self.version = 1
+
+    def problem(self, what: str, **where: Any) -> None:
+        """Note something that does not hold."""
+        self.problem_count += 1
+        if len(self.problems) < MAX_PROBLEMS:
+            run = {"run": self.expected.run_id} if self.expected else {}
+            self.problems.append({"what": what, **run, **where})
+
+    def read(self, progress: Progress | None = None, share: float = 1.0) -> Survey:
+        """Read all files; `share` is the part of the whole work that this is."""
+        paths = bag_files(self.directory)
+        total = sum(path.stat().st_size for path in paths)
+        before = 0
+        for path in paths:
+            scan = Scan(path)
+            try:
+                for message in self.read_file(scan):
+                    if progress is not None and self.messages % 64 == 0:
+                        progress((before + max(message.offset, 0)) * share, total)
+            except OSError as error:
+                self.problem(f"cannot be read: {error}", file=path.name)
+            before += scan.size
+            for damage in scan.damage[:MAX_PROBLEMS]:
+                what = f"damage: {damage.what}; `bow recover` tells what can be kept"
+                self.problem(what, file=path.name, bytes=[damage.start, damage.end])
+            if not scan.finished and not scan.damage:
+                self.problem(
+                    f"cut off: complete up to byte {scan.good_end} of {scan.size}; `bow recover` repairs it",
+                    file=path.name,
+                )
+        self._check_numbers()
+        self._check_metadata()
+        return self
+
+    def read_file(self, scan: Scan) -> Iterator[Message]:
+        """Take in what is in a file, giving its messages one by one; what is damaged in it is the caller's to say."""
+        for message in scan.messages():
+            self._take(label(scan.contents.channels[message.channel].topic, message, scan.path))
+            yield message
+        self._take_notes(scan.notes)
+        self._check_types(scan)
+        self.files.append(FileInfo.of(scan.path.name, scan.contents))
+
+    def _take_notes(self, notes: Iterable[Metadata]) -> None:
+        self.version = max(self.version, version_in(notes))
+        self.noted += noted_in(notes)
+
+    def merge(self, other: Survey) -> None:
+        """Take in what another survey found in the files after these."""
+        self.expected, self.plan = other.expected, other.plan or self.plan
+        self.epoch = max(self.epoch, other.epoch)
+        for topic, places in other.places.items():
+            self.places[topic].update(places)
+        self.verdicts |= other.verdicts
+        for key, checksums in other.receipts.items():
+            self.receipts.setdefault(key, set()).update(checksums)
+        for block, attempt in other.attempts.items():
+            self.attempts[block] = max(attempt, self.attempts.get(block, 0))
+        if other.first is not None:
+            if other.first != (self.last or 0) + 1:
+                self.gaps.append((((self.last or 0) + 1, other.first - 1), other.files[0].name))
+            self.last = other.last
+        self.gaps += other.gaps
+        self.noted += other.noted
+        self.version = max(self.version, other.version)
+        self.files += other.files
+        self.messages += other.messages
+
+    def missing(self) -> list[Range]:
+        """Return the numbers of the messages that are missing and of which no file says so."""
+        return outside([gap for gap, _ in self.gaps], self.noted)
+
+    def _check_numbers(self) -> None:
+        for (start, end), name in self.gaps:
+            if outside([(start, end)], self.noted):
+                what = f"message {end + 1} comes after message {start - 1}: some are missing or moved"
+                self.problem(what, file=name)
+
+    def lacks(self, block: int) -> str:
+        """Return what keeps a block from being whole: every chunk there once, judged and receipted; "" if it is."""
+        assert self.expected is not None
+        for chunk in range(self.expected.chunks):
+            key = (block, chunk)
+            stored: dict[str, Any] = {**self.places, "verdicts": self.verdicts}
+            lacking = [topic for topic, there in stored.items() if key not in there]
+            if lacking:
+                return f"chunk {chunk}: no {' and no '.join(lacking)}"
+            whole, verdict = self.chunk_checksum(key), self.verdicts[key]
+            if verdict.chunk_checksum != whole:
+                return f"chunk {chunk}: its verdicts are on other streams"
+            for kind, checksum in ((cdr.RECEIPT_STREAMS, whole), (cdr.RECEIPT_VERDICTS, verdict.checksum)):
+                if checksum not in self.receipts.get((kind, *key), ()):
+                    return f"chunk {chunk}: no receipt"
+        return ""
+
+    def _check_types(self, scan: Scan) -> None:
+        for channel in scan.contents.channels.values():
+            name = short_name(channel.topic)
+            schema = scan.contents.schemas.get(channel.schema_id)
+            if name and (schema is None or schema.name != TOPICS[name].type):
+                given = schema.name if schema else "no type"
+                self.problem(f"{channel.topic} has {given}, should have {TOPICS[name].type}", file=scan.path.name)
+
+    def _check_metadata(self) -> None:
+        path = self.directory / METADATA
+        try:
+            problems = differences(parse(path.read_bytes()), self.files)
+        except OSError as error:
+            problems = [f"cannot be read: {error.strerror}"]
+        except MetadataError as error:
+            problems = [str(error)]
+        for what in problems[:MAX_PROBLEMS]:
+            self.problem(f"{what}; `bow recover` writes it anew", file=METADATA)
+
+    def _take(self, message: BagMessage) -> None:
+        self.messages += 1
+        number = message.sequence
+        if self.first is None:
+            self.first = number
+        if self.last is not None and number <= self.last:
+            what = f"message {number} comes after message {self.last}: some are missing or moved"
+            self.problem(what, file=message.file.name)
+        elif self.last is not None and number > self.last + 1:
+            self.gaps.append(((self.last + 1, number - 1), message.file.name))
+        self.last = number
+        try:
+            if message.topic == "plan":
+                self._take_plan(cdr.decode("Plan", message.data))
+            elif message.topic in STORED_ONCE:
+                self._take_sealed(message)
+            elif message.topic == "receipts":
+                self._take_receipts(cdr.decode("Receipt", message.data))
+            elif message.topic == "basin_map":
+                self._check_run(cdr.decode("BasinMap", message.data))
+            elif message.topic == "inspect":
+                self._check_run(self._opened("BridgeForce", message))
+        except (cdr.WireError, ParameterError) as error:
+            self.problem(str(error), topic=message.topic, message=message.sequence, file=message.file.name)
+
+    def _opened(self, name: str, message: BagMessage) -> dict[str, Any]:
+        """Return the fields of a stream message."""
+        return cdr.unseal(name, message.data)
+
+    def _take_plan(self, plan: dict[str, Any]) -> None:
+        self.said = self.said or (plan["run_id"], plan["sweep_id"])
+        if self.expected is None:
+            self.expected = Expected.of(plan)
+        self._check_run(plan)
+        self.expected = self.expected.grown(plan)
+        self.plan = plan
+        self.epoch = max(self.epoch, plan["epoch"])
+
+    def _check_run(self, values: dict[str, Any]) -> None:
+        if self.expected is None:
+            raise cdr.WireError("comes before the first plan")
+        if (values["run_id"], values["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
+            raise cdr.WireError(f"is of run {values['run_id']!r}, sweep {values['sweep_id']!r}")
+
+    def _take_sealed(self, message: BagMessage) -> None:
+        if self.expected is None:
+            raise cdr.WireError("comes before the first plan")
+        values = self._checked(message)
+        key = (values["block"], values["chunk"])
+        self.attempts[key[0]] = max(values["attempt"], self.attempts.get(key[0], 0))
+        stored: dict[Key, Any] = self.verdicts if message.topic == "verdicts" else self.places[message.topic]
+        if key in stored:
+            self.problem("stored twice", topic=message.topic, block=key[0], chunk=key[1])
+        elif message.topic == "verdicts":
+            layers = {name: values[name].copy() for name in LAYERS}
+            stored[key] = Verdict(values["checksum"], values["chunk_checksum"], layers)
+        else:
+            stored[key] = Place(message.file, message.offset, len(message.data), values["checksum"])
+
+    def _checked(self, message: BagMessage) -> dict[str, Any]:
+        """Return the fields of a sealed message, everything about it checked."""
+        assert self.expected is not None
+        return self.expected.check(STORED_ONCE[message.topic], message.data)
+
+    def _take_receipts(self, values: dict[str, Any]) -> None:
+        self._check_run(values)
+        columns = [values[name].tolist() for name in ("kind", "block", "chunk", "attempt", "checksum")]
+        if len({len(column) for column in columns}) != 1:
+            raise cdr.WireError(f"arrays of {', '.join(str(len(column)) for column in columns)} values")
+        for kind, block, chunk, attempt, checksum in zip(*columns, strict=True):
+            self.receipts.setdefault((kind, block, chunk), set()).add(checksum)
+            self.attempts[block] = max(attempt, self.attempts.get(block, 0))
+
+    def chunk_checksum(self, key: Key) -> int | None:
+        """Return the checksum of a chunk whose two stream messages are there, else None."""
+        force, slip = (self.places[topic].get(key) for topic in ("bridge_force", "stick_slip"))
+        return cdr.chunk_checksum(*key, force.checksum, slip.checksum) if force and slip else None
+
+    def layers(self, keys: Iterable[Key] | None = None) -> dict[str, np.ndarray]:
+        """Return the recorded verdicts as arrays; see :func:`bow_sweep.record.replay.load_verdicts`."""
+        assert self.expected is not None
+        out = empty_layers(self.expected)
+        for key in self.verdicts if keys is None else keys:
+            put(out, self.expected, key, self.verdicts[key].layers)
+        return out
+
+
+_TYPES = dict(zip(LAYERS, ("f4", "f4", "u2", "u2", "u1", "f4"), strict=True))
+_EMPTY = dict(zip(LAYERS, (np.nan, np.nan, 0, 0, 255, np.nan), strict=True))
+
+
+def empty_layers(expected: Expected) -> dict[str, np.ndarray]:
+    """Return arrays (tests, cells) for the verdicts of a run, none tested."""
+    shape = (expected.chunks, expected.cells)
+    out = {name: np.full(shape, _EMPTY[name], _TYPES[name]) for name in LAYERS}
+    return {**out, "tested": np.zeros(shape, bool)}
+
+
+def put(layers: dict[str, np.ndarray], expected: Expected, key: Key, values: dict[str, np.ndarray]) -> None:
+    """Put one verdict into arrays of :func:`empty_layers`."""
+    cells = expected.block(key[0])
+    for name in LAYERS:
+        layers[name][key[1], cells] = values[name]
+    layers["tested"][key[1], cells] = True
+
+
+class Chunks:
+    """Reads stored messages again, wherever they lie."""
+
+    def __init__(self) -> None:
+        self._open: dict[Path, int] = {}
+
+    def __enter__(self) -> Chunks:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for descriptor in self._open.values():
+            os.close(descriptor)
+
+    def read(self, place: Place) -> bytes:
+        """Return a message.
+
+        Raises
+        ------
+        BagError
+            Where it lies in a compressed chunk, or the file ends before it.
+        """
+        if place.offset < 0:
+            raise BagError(f"{place.file}: is compressed; bow writes bags that are not, and replays only those")
+        if place.file not in self._open:
+            self._open[place.file] = os.open(place.file, os.O_RDONLY | os.O_CLOEXEC)
+        data = os.pread(self._open[place.file], place.length, place.offset)
+        if len(data) != place.length:
+            raise BagError(f"{place.file}: ends before byte {place.offset + place.length}")
+        return data

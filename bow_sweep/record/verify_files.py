@@ -1,0 +1,231 @@
+"""What lies beside a bag, held against it: map.npz, report.json and ledger.jsonl say what the recorded verdicts say."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_sim.atomic_files import read_arrays
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays
+from bow_sweep.maps.plane import PENDING
+from bow_sweep.maps.playability import playability
+from bow_sweep.plan.adaptive import fill
+from bow_sweep.plan.sweep import Sweep
+from bow_sweep.record.expected import DONE, QUARANTINED, Expected
+from bow_sweep.run.directory import LEDGER, REPORT, findings
+
+if TYPE_CHECKING:
+    from bow_sweep.record.bag_contents import Survey
+
+MOST_SHOWN = 200
+"""Characters of a value that a problem quotes."""
+
+ALIKE = 1e-9
+"""Relative difference of two measures that are the same: other versions of a library may add in another order."""
+
+_TESTED = {*TESTS, *HISTORY, *DERIVED}
+"""Arrays of the map that say something of unfinished cells too, whatever was known of them."""
+
+_EVENTS = {"done": DONE, "quarantined": QUARANTINED, "reopened": 0}
+_STATES = {0: "outstanding", DONE: "done", QUARANTINED: "quarantined"}
+
+
+def transient_lengths(passed: np.ndarray) -> np.ndarray:
+    """Return the transient lengths, (cells,) float32 periods, 0 = never, from which tests passed, (tests, cells)."""
+    return np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Holds the files of a run directory against its bag; what does not agree goes to the survey's problems.
+
+    Attributes
+    ----------
+    directory
+        Of the run. A file that is not there is no problem: the bag alone is the record.
+    states
+        Of the blocks, as the last plan in the bag says.
+    done
+        (cells,) bool: in blocks that are done, with every chunk there.
+    counts
+        What :func:`bow_sweep.record.verify.verify` counted in the bag.
+    """
+
+    directory: Path
+    survey: Survey
+    expected: Expected
+    states: list[int]
+    done: np.ndarray
+    counts: Mapping[str, Any]
+
+    def check(self) -> None:
+        """Look at every file."""
+        ledger, arrays, report = (self.directory / name for name in (LEDGER, MAP, REPORT))
+        if ledger.is_file():
+            self._ledger(ledger)
+        if not (arrays.is_file() or report.is_file()):
+            return
+        try:
+            result = self._map()
+        except ParameterError as error:
+            self.survey.problem(f"the plan makes no map: {error}")
+            return
+        if arrays.is_file():
+            self._arrays(arrays, result)
+        if report.is_file():
+            self._report(report, result)
+
+    def _problem(self, path: Path, what: str, block: int | None = None) -> None:
+        self.survey.problem(what, file=path.name, **({} if block is None else {"block": block}))
+
+    def _plan(self, *names: str) -> dict[str, Any]:
+        """Return what the plan says, under the names that ledger and report have for it."""
+        spec = {name: self.survey.plan[f"spec.{name}"] for name in ("preset", "settings")}
+        everything = {**self.survey.plan, **spec}
+        return {name: everything[name] for name in ("run_id", "sweep_id", "preset", "settings", "fingerprint", *names)}
+
+    # ---- the map
+
+    def _map(self) -> MapFile:
+        """Return the map that the verdicts in the bag make; grey is what is not done, whatever is known of it.
+
+        It does without the coordinator's :class:`~bow_sweep.maps.basin_map.Basin`, so that an error there would show.
+        """
+        expected, layers = self.expected, self.survey.layers()
+        plan = self._plan()
+        sweep = Sweep.from_spec("", plan["settings"])
+        passed = is_helmholtz(layers["regime"])
+        length = np.where(self.done, transient_lengths(passed), np.float32(np.nan)).reshape(expected.shape)
+        if expected.planned.adaptive:
+            length = np.where(expected.planned.planned.reshape(expected.shape), length, fill(length))
+        cube = (expected.chunks, *expected.shape)
+        names = ("correlation", "period", "slips", "corners", "confidence")
+        tests: dict[str, Any] = {name: layers[name].reshape(cube) for name in names}
+        return MapFile(
+            **{name: plan[name] for name in ("run_id", "sweep_id", "preset")},
+            settings=tuple(plan["settings"]),
+            x_name=sweep.x.name,
+            y_name=sweep.y.name,
+            x=sweep.x.values(),
+            y=sweep.y.values(),
+            regime_names=tuple(REGIMES),
+            test_periods=np.arange(1, expected.chunks + 1) * CHUNK_PERIODS,
+            transient_periods=length,
+            regime=np.where(self.done, layers["regime"][-1], np.uint8(PENDING)).reshape(expected.shape),
+            simulated=self.done.reshape(expected.shape) if expected.planned.adaptive else None,
+            helmholtz=passed.reshape(cube),
+            regimes=layers["regime"].reshape(cube),
+            **tests,
+        )
+
+    def _arrays(self, path: Path, result: MapFile) -> None:
+        """Every array of map.npz is what it should be; of what is tested, where the cells are done."""
+        try:
+            given = read_arrays(path)
+        except (OSError, ValueError) as error:
+            self._problem(path, f"cannot be read: {error}")
+            return
+        for name, right in map_arrays(result).items():
+            if name not in given:
+                if name not in HISTORY:  # maps of old have none
+                    self._problem(path, f"holds no {name}")
+                continue
+            its = given[name]
+            if (its.dtype, its.shape) != (right.dtype, right.shape):
+                what = f"{name} is {its.dtype} {its.shape}, should be {right.dtype} {right.shape}"
+                self._problem(path, what)
+                continue
+            unlike = right != its
+            if right.dtype.kind == "f":
+                unlike &= ~(np.isnan(right) & np.isnan(its))
+            if right.ndim < 2:
+                if unlike.any():
+                    self._problem(path, f"{name} is not what the plan says")
+                continue
+            unlike = unlike.reshape(-1, self.expected.cells)
+            if name in _TESTED:
+                unlike[:, ~self.done] = False
+            if unlike.any():
+                cell = int(np.flatnonzero(unlike.any(axis=0))[0])
+                what = f"{name} is not what the verdicts say, in {int(unlike.sum())} places, first at cell {cell}"
+                blocks = (n for n in range(self.expected.blocks) if cell in self.expected.block(n))
+                self._problem(path, what, next(blocks, None))
+
+    # ---- the report
+
+    def _report(self, path: Path, result: MapFile) -> None:
+        """report.json says of plan, accounts and map what the bag says; of times and machine only it knows."""
+        try:
+            given = dict(json.loads(path.read_bytes()))
+        except (ValueError, TypeError, RecursionError) as error:
+            self._problem(path, f"cannot be read: {error}")
+            return
+        planned, counts = self.expected.planned, self.counts
+        names = {"planned": "cells_planned", "done": "cells", "quarantined": "cells_quarantined"}
+        cells = {name: counts[counted] for name, counted in names.items()}
+        cells["outstanding"] = cells["planned"] - cells["done"] - cells["quarantined"]
+        right = {
+            **self._plan("classifier"),
+            "cells": cells,
+            **{name: counts[name] for name in ("cells_predicted", "samples")},
+            "rounds": len(planned.rounds),
+            **findings(result.transient_periods, result.regime.ravel()[self.done]),
+            "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
+            "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
+        }
+        if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which only it knows
+            given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
+        for name, value in json.loads(json.dumps(right)).items():
+            if name not in given:
+                self._problem(path, f"holds no {name}")
+            elif not _alike(given[name], value):
+                self._problem(path, f"{name} is {_short(given[name])}, the bag says {_short(value)}")
+
+    # ---- the ledger
+
+    def _ledger(self, path: Path) -> None:
+        """ledger.jsonl begins with the plan in the bag, and names the same blocks as done and quarantined."""
+        states: dict[int, int] = {}
+        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # a crash may have cut off the last one
+            try:
+                entry = json.loads(line)
+                event, block = str(entry.get("event")), entry.get("block")
+            except (ValueError, AttributeError, RecursionError):
+                self._problem(path, f"line {number} is no entry")
+                continue
+            if (event == "planned") != (number == 1):
+                self._problem(path, "does not begin with the plan, or has another one later")
+            if event == "planned":
+                for name, value in self._plan().items():
+                    if entry.get(name) != value:
+                        self._problem(path, f"{name} is {_short(entry.get(name))}, the bag says {_short(value)}")
+            if isinstance(block, int):
+                states[block] = _EVENTS.get(event, states.get(block, 0))
+        for block in range(self.expected.blocks):
+            if states.get(block, 0) != self.states[block]:
+                said, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
+                self._problem(path, f"the ledger says {said}, the plan in the bag {planned}", block)
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Whether two values out of JSON are the same, measures but for the last digits."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[name], other[name]) for name in one)
+    if isinstance(one, float) and isinstance(other, float):
+        return math.isclose(one, other, rel_tol=ALIKE)
+    return type(one) is type(other) and bool(one == other)
+
+
+def _short(value: Any) -> str:
+    """Return a value for people, cut off where it is long."""
+    text = json.dumps(value)
+    return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."

@@ -1,0 +1,321 @@
+"""Who has which block and what is acknowledged: a pure state machine, events in, instructions out.
+
+A block is *due* (to be handed out), *out* (handed to a simulator, not yet done), *done* or *quarantined*. Done means:
+for every chunk the recorder has receipted the streams and the verdicts, the classifier judged the very bytes that were
+recorded, and the recorder has seen all of it on the disk. planned = done + quarantined + outstanding holds after every
+event, outstanding being due + out.
+
+The machine knows no clock and no file: events carry the time in seconds, and what must be on disk before the next
+instruction is carried out leaves as a :class:`Record`. `resume` builds the machine again from such records.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from bow_sweep.run.ledger_events import (
+    ConsumerRestarted,
+    Dispatch,
+    Event,
+    Finished,
+    Grown,
+    Instruction,
+    Judged,
+    NewEpoch,
+    OnDisk,
+    Receipted,
+    Record,
+    Refused,
+    Settled,
+    SimulatorLost,
+    SimulatorReady,
+    State,
+    Tick,
+    receipted,
+)
+
+__all__ = [
+    "ConsumerRestarted",
+    "Dispatch",
+    "Event",
+    "Finished",
+    "Grown",
+    "Instruction",
+    "Judged",
+    "Ledger",
+    "NewEpoch",
+    "OnDisk",
+    "Receipted",
+    "Record",
+    "Refused",
+    "Settled",
+    "SimulatorLost",
+    "SimulatorReady",
+    "State",
+    "Tick",
+    "receipted",
+]
+
+SUSPECT_DEATHS = 2
+"""A block that was being computed when this many simulators died runs alone from then on."""
+
+POISON_DEATHS = 3
+"""A block that was the only one in a simulator's hands in this many deaths is quarantined."""
+
+IN_HAND = 2
+"""Blocks a simulator holds at most: one being computed, one waiting, so that it never idles."""
+
+DISK_S = 300.0
+"""A block of which everything is answered but that it is on the disk may wait so long for a slow one."""
+
+STALE_S = 6.0
+"""A block whose simulator has finished or gone, and whose answers do not arrive for this long, is handed out again."""
+
+
+@dataclass
+class _Block:
+    state: State = State.DUE
+    attempt: int = 0
+    deaths: int = 0
+    deaths_alone: int = 0
+    touched: float = 0.0
+    on_disk: bool = False
+    streams: dict[int, int] = field(default_factory=dict)
+    judged: dict[int, tuple[int, int]] = field(default_factory=dict)
+    verdicts: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def suspect(self) -> bool:
+        return self.deaths >= SUSPECT_DEATHS
+
+    def forget(self) -> None:
+        for answers in (self.streams, self.judged, self.verdicts):
+            answers.clear()
+        self.on_disk = False
+
+    def contradiction(self, chunk: int) -> str:
+        """Return what about a chunk does not agree, or ""."""
+        judged = self.judged.get(chunk)
+        if judged is None:
+            return ""
+        for what, receipt, verdict in (
+            ("streams", self.streams.get(chunk), judged[0]),
+            ("verdicts", self.verdicts.get(chunk), judged[1]),
+        ):
+            if receipt is not None and receipt != verdict:
+                return f"chunk {chunk}: {what} recorded as {receipt:016x}, judged as {verdict:016x}"
+        return ""
+
+
+class Ledger:
+    """The bookkeeping of one run; changed by :meth:`handle` alone.
+
+    Parameters
+    ----------
+    blocks, chunks
+        How many the sweep has so far, and how many chunks each block has.
+    """
+
+    def __init__(self, blocks: int, chunks: int) -> None:
+        if blocks < 1 or chunks < 1:
+            raise ValueError(f"{blocks} blocks of {chunks} chunks: there should be at least one of each")
+        self.chunks = chunks
+        self.epoch = 1
+        self.blocks = [_Block() for _ in range(blocks)]
+        self.hands: dict[str, list[int]] = {}
+        self._open: set[int] = set(range(blocks))
+        self._due = list(range(blocks))
+
+    @classmethod
+    def resume(cls, blocks: int, chunks: int, entries: Iterable[Mapping[str, Any]]) -> Ledger:
+        """Return the ledger of a run that was cut off, in a new epoch, from its recorded entries."""
+        ledger = cls(blocks, chunks)
+        for entry in entries:
+            ledger.epoch = max(ledger.epoch, int(entry.get("epoch", 1)))
+            number = entry.get("block")
+            if not isinstance(number, int) or not 0 <= number < blocks:
+                continue
+            block = ledger.blocks[number]
+            block.attempt = max(block.attempt, int(entry.get("attempt", 0)))
+            match entry.get("event"):
+                case "died":
+                    block.deaths += 1
+                    block.deaths_alone += bool(entry["alone"])
+                case "done":
+                    block.state = State.DONE
+                case "quarantined":
+                    block.state = State.QUARANTINED
+                case "reopened":
+                    block.state = State.DUE
+        ledger.epoch += 1
+        ledger._open = {n for n, block in enumerate(ledger.blocks) if block.state is State.DUE}
+        ledger._due = sorted(ledger._open)
+        return ledger
+
+    # ---- reading
+
+    def count(self, state: State) -> int:
+        """Return how many blocks are in a state."""
+        return sum(block.state is state for block in self.blocks)
+
+    def is_quarantined(self, number: int) -> bool:
+        """Whether there is such a block, and it is given up."""
+        return number < len(self.blocks) and self.blocks[number].state is State.QUARANTINED
+
+    @property
+    def finished(self) -> bool:
+        """Whether no block is outstanding."""
+        return not self._open
+
+    # ---- changing
+
+    def handle(self, event: Event, now: float) -> list[Instruction]:
+        """Take in what happened at `now` (seconds, any origin) and return what to do, in order."""
+        out: list[Instruction] = []
+        match event:
+            case SimulatorReady(simulator):
+                self.hands.setdefault(simulator, [])
+            case SimulatorLost(simulator, why, blame):
+                self._lose(simulator, why, blame, now, out)
+            case Finished(simulator, number, attempt):
+                self._leave(simulator, number, attempt)
+                if self._is_out(number, attempt):
+                    self.blocks[number].touched = now
+            case Refused(simulator, number, attempt, why):
+                self._leave(simulator, number, attempt)
+                if self._is_out(number, attempt):
+                    self._make_due(number, why, out)
+            case ConsumerRestarted(role):
+                self._restart(role, out)
+            case Judged(number, chunk, chunk_checksum, checksum):
+                if self._concerns(number, chunk):
+                    known = self.blocks[number].judged.setdefault(chunk, (chunk_checksum, checksum))
+                    differs = known != (chunk_checksum, checksum)
+                    self._answered(number, chunk, differs, now, out)
+            case Receipted(number, chunk, checksum, verdicts):
+                if self._concerns(number, chunk):
+                    block = self.blocks[number]
+                    answers = block.verdicts if verdicts else block.streams
+                    differs = answers.setdefault(chunk, checksum) != checksum
+                    self._answered(number, chunk, differs, now, out)
+            case OnDisk(number):
+                if self._concerns(number, 0):
+                    self.blocks[number].on_disk = True
+                    self._answered(number, 0, False, now, out)
+            case Grown(blocks):
+                fresh = range(len(self.blocks), blocks)
+                self.blocks += [_Block() for _ in fresh]
+                self._open.update(fresh)
+                self._due = sorted([*self._due, *fresh])
+            case Tick():
+                self._expire(now, out)
+        self._hand_out(now, out)
+        return out
+
+    def _concerns(self, number: int, chunk: int) -> bool:
+        return number in self._open and 0 <= chunk < self.chunks
+
+    def _is_out(self, number: int, attempt: int) -> bool:
+        block = self.blocks[number]
+        return block.state is State.OUT and block.attempt == attempt
+
+    def _leave(self, simulator: str, number: int, attempt: int) -> None:
+        """Take a block out of a hand; the late end of an older attempt does not take the newer one with it."""
+        if number in self.hands.get(simulator, ()) and self.blocks[number].attempt == attempt:
+            self.hands[simulator].remove(number)
+
+    def _make_due(self, number: int, why: str, out: list[Instruction]) -> None:
+        block = self.blocks[number]
+        block.state = State.DUE
+        heapq.heappush(self._due, number)
+        out.append(Record({"event": "due", "block": number, "attempt": block.attempt, "why": why}))
+
+    def _settle(self, number: int, state: State, why: str, out: list[Instruction]) -> None:
+        block = self.blocks[number]
+        if block.state is State.DUE:
+            self._due.remove(number)
+            heapq.heapify(self._due)
+        block.state = state
+        block.forget()
+        self._open.discard(number)
+        entry = {"event": state.value, "block": number, "attempt": block.attempt}
+        out.append(Record({**entry, "why": why} if why else entry))
+        out.append(Settled(number, state, why))
+
+    def _answered(self, number: int, chunk: int, differs: bool, now: float, out: list[Instruction]) -> None:
+        block = self.blocks[number]
+        block.touched = now
+        why = f"chunk {chunk}: two answers differ" if differs else block.contradiction(chunk)
+        if why:
+            self._settle(number, State.QUARANTINED, f"nondeterministic: {why}", out)
+        elif block.on_disk and self._all_answered(block):
+            self._settle(number, State.DONE, "", out)
+
+    def _all_answered(self, block: _Block) -> bool:
+        return len(block.streams) == len(block.judged) == len(block.verdicts) == self.chunks
+
+    def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
+        hand = [number for number in self.hands.pop(simulator, []) if self.blocks[number].state is State.OUT]
+        for place, number in enumerate(hand):  # what is done was computed, only its result is still under way
+            block = self.blocks[number]
+            if blame and place == 0:  # only the block being computed is suspect
+                alone = len(hand) == 1
+                block.deaths += 1
+                block.deaths_alone += alone
+                out.append(
+                    Record({"event": "died", "block": number, "simulator": simulator, "alone": alone, "why": why})
+                )
+                if block.deaths_alone >= POISON_DEATHS:
+                    why_poison = f"poison: {block.deaths_alone} simulators died computing it alone"
+                    self._settle(number, State.QUARANTINED, why_poison, out)
+                    continue
+            self._make_due(number, why, out)
+
+    def _restart(self, role: str, out: list[Instruction]) -> None:
+        self.epoch += 1
+        out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch}))
+        for hand in self.hands.values():
+            hand.clear()
+        for number in sorted(self._open):
+            self.blocks[number].forget()
+            if self.blocks[number].state is State.OUT:
+                self._make_due(number, f"{role} restarted", out)
+        out.append(NewEpoch(self.epoch))
+
+    def _expire(self, now: float, out: list[Instruction]) -> None:
+        held = {number for hand in self.hands.values() for number in hand}
+        for number in sorted(self._open - held):
+            block = self.blocks[number]
+            patience = DISK_S if self._all_answered(block) else STALE_S
+            if block.state is State.OUT and now - block.touched > patience:
+                self._make_due(number, f"no answer for {patience:g} s", out)
+
+    def _hand_out(self, now: float, out: list[Instruction]) -> None:
+        """Give due blocks to the emptiest hands; a suspect block waits for an empty hand and keeps it to itself."""
+        put_back = []
+        while self._due:
+            number = heapq.heappop(self._due)
+            block = self.blocks[number]
+            room = 1 if block.suspect else IN_HAND
+            free = [
+                (len(hand), name)
+                for name, hand in self.hands.items()
+                if len(hand) < room and not any(self.blocks[n].suspect for n in hand)
+            ]
+            if not free:
+                put_back.append(number)
+                if not block.suspect:
+                    break
+                continue
+            simulator = min(free)[1]
+            block.state, block.touched = State.OUT, now
+            block.attempt += 1
+            self.hands[simulator].append(number)
+            entry = {"event": "dispatched", "block": number, "attempt": block.attempt, "epoch": self.epoch}
+            out.append(Record({**entry, "simulator": simulator}))
+            out.append(Dispatch(number, block.attempt, simulator))
+        for number in put_back:
+            heapq.heappush(self._due, number)

@@ -1,0 +1,74 @@
+"""Colours of maps: of transient lengths, regimes and terrain, as plain arrays.
+
+The brighter a cell, the sooner Helmholtz motion came; black is never (as in the paper's Fig 11) and grey is a cell that
+was not computed. Viridis is perceptually uniform and can be read by the colour-blind; run backwards and stopped
+short of its dark end, the latest success stays apart from black.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+
+import numpy as np
+
+BLACK, GREY = (0, 0, 0), (150, 150, 150)
+"""Never; pending or quarantined."""
+
+
+HEADROOM = 1.1
+"""The colour scale of transient length runs to this times the longest possible: its last tenth is too near black."""
+
+
+_VIRIDIS = (
+    "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
+    "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
+)
+
+
+_ANCHORS = np.array([[int(code[i : i + 2], 16) for i in (0, 2, 4)] for code in _VIRIDIS.split()], float)
+
+
+REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
+    "no_oscillation": (240, 228, 66),
+    "helmholtz": (0, 158, 115),
+    "multiple_slip": (86, 180, 233),
+    "multiple_flyback": (230, 159, 0),
+    "other_periodic": (204, 121, 167),
+    "aperiodic": (70, 70, 70),
+    "helmholtz_extra_slips": (122, 210, 176),
+    "raman_higher": (213, 94, 0),
+    "anomalous_low_frequency": (0, 114, 178),
+    "subharmonic": (120, 94, 240),
+}
+"""Okabe and Ito's colours, which colour-blind people tell apart; `SPARE_COLOURS` for regimes not named here."""
+
+
+TERRAIN_COLOURS = ((0, 0, 0), (0, 158, 115), (86, 180, 233), (213, 94, 0), (240, 228, 66))
+"""Of `bow_sweep.maps.terrain.TERRAINS`, in their order: green is safe, blue uneven, orange and yellow dangerous. Okabe
+and Ito's."""
+
+
+SPARE_COLOURS = ((160, 110, 70), (250, 250, 250), (128, 0, 64), (0, 90, 60))
+
+
+def viridis(share: np.ndarray | float) -> np.ndarray:
+    """Return viridis at `share` 0 ... 1 of its way, shape (..., 3), uint8."""
+    place = np.clip(np.asarray(share, float), 0, 1) * (len(_ANCHORS) - 1)
+    channels = [np.interp(place, np.arange(len(_ANCHORS)), _ANCHORS[:, channel]) for channel in range(3)]
+    return np.stack(channels, axis=-1).round().astype(np.uint8)
+
+
+def transient_colours(lengths: np.ndarray | float, periods: float) -> np.ndarray:
+    """Return the colours of transient lengths, shape (..., 3), uint8; black for 0, grey for NaN."""
+    lengths = np.asarray(lengths, float)
+    colours = viridis(1 - np.nan_to_num(lengths) / (HEADROOM * periods))
+    colours[lengths == 0] = BLACK
+    colours[np.isnan(lengths)] = GREY
+    return colours
+
+
+def regime_colours(names: Iterable[str]) -> list[tuple[int, int, int]]:
+    """Return a colour for each regime, the same for the same names in every picture."""
+    spare = itertools.cycle(SPARE_COLOURS)
+    return [REGIME_COLOURS[name] if name in REGIME_COLOURS else next(spare) for name in names]

@@ -1,0 +1,266 @@
+"""The dashboard node: shows a sweep in rerun while it runs, and leaves ``dashboard.rrd`` in the run directory.
+
+A latched `plan` opens the recording of a run and finishes it. A dashboard that is started again in the middle of a run
+takes up what its predecessor recorded: there is one file, and it does not lose anything.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
+from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+from rclpy.qos import QoSProfile
+
+from bow_sim.graph.node_base import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_after, live
+from bow_sim.protocol import cdr
+from bow_sim.protocol.authority import Authority
+from bow_sim.protocol.neighbours import Neighbour
+from bow_sweep.view.status_page import Node
+from bow_sweep.view.viewer import Viewer
+from bow_sweep.view.wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
+
+if TYPE_CHECKING:
+    from bow_sweep.view.live_run import Show
+
+HELP = """
+usage: ros2 run bow dashboard [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
+                              [-p view:=true] [-p port:=9876] [-p server_memory:=256MiB]
+
+Shows the sweep on the graph of its namespace (default /bow) in rerun: the growing basin map, the three tests, regimes,
+progress, waveforms of inspected cells, accounts. Writes <runs_dir>/<run_id>/dashboard.rrd, or <run_dir>/dashboard.rrd;
+`rerun dashboard.rrd` opens it. With a port, `rerun --connect rerun+http://127.0.0.1:PORT/proxy` watches it grow, and
+gets all that came before; view:=true opens a viewer here.
+"""
+
+TICK_S = 0.1
+
+EXIT_S = 3
+"""Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
+
+INSPECT_DEPTH = 500
+"""A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""
+
+MEMORY = re.compile(r"\d+(\.\d+)?\s?([kMGT]i?)?B|\d+(\.\d+)?%")
+
+
+class DashboardNode(BowNode):
+    """Shows one run after the other."""
+
+    def __init__(self) -> None:
+        super().__init__("dashboard")
+        runs_dir = self._declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self._declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
+        self._view = self._declared("view", False, "open the live viewer when a sweep opens")
+        self._port = self._declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", 65535)
+        memory = "what the server keeps for viewers that come late, such as 256MiB, 1GB or 10%"
+        self._memory = self._declared("server_memory", "256MiB", memory)
+        if not MEMORY.fullmatch(self._memory):
+            raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
+        self._show: Show | None = None
+        self._past: Show | None = None  # finished, but still served
+        self._over: tuple[str, int] = ("", -1)
+        self._early: dict[str, Any] | None = None  # a map that came before its plan
+        self._viewer: Viewer | None = None
+        self._notes: list[str] = []
+        self._nodes: dict[str, Node] = {}
+        self._authority = Authority(self.works_for)
+        patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
+        for kind, topic, taker, qos in (
+            (Plan, "plan", self._on_plan, HEARD),
+            (BasinMap, "basin_map", self._on_map, LATCHED),
+            (BridgeForce, "inspect", self._on_inspect, patient),
+        ):
+            self.create_subscription(kind, topic, self._taker(kind.__name__, taker), qos, raw=True)
+        self.every(TICK_S, self._tick)
+        from bow_sweep.view import live_run  # noqa: F401  # rerun takes a second to import: now, while the others start too
+
+        self.become(Health.READY, "waits for a plan")
+
+    def _declared(self, name: str, default: Any, what: str, most: int = 0) -> Any:
+        descriptor = ParameterDescriptor(description=what, read_only=True)
+        if most:
+            descriptor.integer_range = [IntegerRange(from_value=0, to_value=most, step=1)]
+        return self.declare_parameter(name, default, descriptor).value
+
+    def _taker(self, name: str, take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
+        """Return what hands the fields of a message on, and counts it; what is no such message is counted apart."""
+
+        def taker(data: bytes) -> None:
+            self.health.messages += 1
+            self.health.bytes += len(data)
+            try:
+                take(cdr.unseal(name, data) if name == "BridgeForce" else cdr.decode(name, data))
+            except cdr.WireError as error:
+                self._ignore(str(error))
+
+        return taker
+
+    def _ignore(self, why: str) -> None:
+        self.health.ignored += 1
+        self.get_logger().warning(f"ignored: {why}", throttle_duration_sec=1.0)
+
+    # ---- the plan opens and finishes the recording
+
+    def _on_plan(self, plan: dict[str, Any]) -> None:
+        why = self._authority.objection(plan)
+        if why:
+            self._ignore(f"plan: {why}")
+            return
+        run, epoch = plan["run_id"], plan["epoch"]
+        if self._show is not None:
+            if run == self._show.run_id:
+                self._show.plan(plan)
+                return
+            if plan["state"] != Plan.OPEN:
+                return
+            self._finish(f"run {run} opens")
+        if (run, epoch) != self._over and plan["state"] in (Plan.OPEN, Plan.CLOSED):
+            self._open(plan)
+
+    def _open(self, plan: dict[str, Any]) -> None:
+        from bow_sweep.view.live_run import FILE, IDENTITY, Show
+
+        run = plan["run_id"]
+        if not IDENTITY.fullmatch(run):
+            self._ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
+            return
+        directory = self._run_dir or self._runs_dir / run
+        if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
+            return  # over before we came, and nobody asked for this very run
+        if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
+            self._ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
+            return
+        self._let_go()
+        notes = []
+        port = self._port or (free_port() if self._view else 0)
+        if port and (problem := port_problem(port)):
+            notes.append(f"run {run} is not shown live: port {port} {problem}")
+            port = 0
+        try:
+            self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
+        except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
+            self._fail(f"{directory / FILE}: {error}", run)
+            return
+        if port:
+            notes.append(f"watch the map grow with: rerun --connect {self._show.board.uri}")
+        if port and self._view:
+            notes += self._open_viewer(self._show.board.uri)
+        for note in notes:
+            self.get_logger().info(note)
+        self._notes = notes
+        self._become_busy()
+        early, self._early = self._early, None
+        if early is not None and early["run_id"] == run:
+            self._on_map(early)
+
+    def _become_busy(self) -> None:
+        """Say what is written, and what a user should know."""
+        assert self._show is not None
+        self.become(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
+
+    def _open_viewer(self, uri: str) -> list[str]:
+        """Start a viewer; return what a user should know."""
+        if not has_display():
+            return [f"{NO_DISPLAY}; where there is one: rerun --connect {uri}"]
+        try:
+            self._viewer = Viewer(uri)
+        except OSError as error:
+            return [f"no viewer: {error}"]
+        return []
+
+    def _look_after_viewer(self) -> None:
+        if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
+            return
+        self._viewer = None
+        if problem:
+            self.get_logger().warning(problem)
+            self._notes.append(problem)
+            self._become_busy()
+
+    def _finish(self, why: str) -> None:
+        """Finish the file and say so."""
+        show, self._show = self._show, None
+        if show is None:
+            return
+        try:
+            show.finish(self._nodes.values())
+        except Exception as error:  # as in _open
+            self._fail(f"{show.board.path}: {error}", show.run_id)
+            return
+        self._past, self._over = show, (show.run_id, show.epoch)
+        self.health.ignored += show.ignored
+        self.become(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
+
+    def _fail(self, what: str, run: str) -> None:
+        self._show = None
+        self.get_logger().error(f"nothing more is shown: {what}")
+        self.become(Health.FAILED, what, run)
+
+    def _let_go(self) -> None:
+        """End the server of the run before."""
+        if self._past is not None:
+            self._past.close()
+            self._past = None
+
+    # ---- what is shown
+
+    def _on_map(self, values: dict[str, Any]) -> None:
+        if self._show is None:
+            self._early = values
+        else:
+            self._guarded(lambda show: show.map(values))
+
+    def _on_inspect(self, values: dict[str, Any]) -> None:
+        self._guarded(lambda show: show.inspect(values))
+
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Note how the nodes are."""
+        self._nodes[message.node] = Node(
+            message.node,
+            message.role,
+            message.state,
+            message.detail,
+            message.messages,
+            message.bytes,
+            message.ignored,
+            message.rss,
+            time.monotonic(),
+        )
+
+    def _tick(self) -> None:
+        self._look_after_viewer()
+        if self._guarded(lambda show: show.tick(self._nodes.values())):
+            self._finish("the plan is closed")
+
+    def _guarded(self, do: Callable[[Show], Any]) -> Any:
+        """Do something to the run on show, if there is one; give up showing it where that fails."""
+        show = self._show
+        if show is None:
+            return None
+        try:
+            return do(show)
+        except Exception as error:  # as in _open
+            self._fail(f"{show.board.path}: {error}", show.run_id)
+            return None
+
+    def close(self) -> None:
+        """Finish the file as it is; a dashboard started later takes it up."""
+        self._finish("the dashboard was told to stop")
+        self._let_go()
+
+
+def main() -> int:
+    """Entry point of ``ros2 run bow dashboard``."""
+    status = live(DashboardNode, description=HELP)
+    end_after(EXIT_S)
+    return status
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,180 @@
+"""The accounts of a sweep as a page for people: what is done, what was found, who is at work. Plain text throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sim.protocol.blocks import Blocks
+from bow_sweep.maps.plane import MODEL_NAMES, Snapshot, regime_label
+from bow_sweep.maps.playability import MEASURES
+
+SILENT_S = 5.0
+"""A node that should say every second how it is, and has not for so long, is called silent."""
+
+STATES = ("starting", "ready", "busy", "closed", "dead", "failed")
+"""Health.state in words."""
+
+DONE, QUARANTINED = 1, 2
+"""Values of Plan.block_states."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """What a node last said of itself.
+
+    Attributes
+    ----------
+    heard
+        When, in seconds of any clock.
+    """
+
+    name: str
+    role: str
+    state: int
+    detail: str
+    messages: int
+    bytes: int
+    ignored: int
+    rss: int
+    heard: float
+
+
+def settled(
+    snapshot: Snapshot, block_states: Sequence[int] | np.ndarray, rounds: Sequence[int] | np.ndarray = ()
+) -> Snapshot:
+    """Return the map with the accounts that the plan's block states give: they are newer than the map's own.
+
+    `rounds` are those of the plan; where they do not fit the states, the map keeps its accounts.
+    """
+    states = np.asarray(block_states)
+    cells = snapshot.regime.size
+    if not states.size:
+        return snapshot
+    try:
+        size = int(snapshot.values["block_cells"])
+    except (KeyError, ValueError):
+        size = -(-cells // states.size)
+    if len(rounds):
+        try:
+            blocks = Blocks.announced(cells, size, np.asarray(rounds))
+            sizes, planned = np.array([blocks.size(n) for n in range(states.size)]), blocks.planned_cells
+        except (ParameterError, IndexError):
+            return snapshot
+    else:
+        sizes, planned = np.minimum(size, cells - size * np.arange(states.size)).clip(0), cells
+    done, quarantined = (int(sizes[states == state].sum()) for state in (DONE, QUARANTINED))
+    return replace(snapshot, done=done, quarantined=quarantined, outstanding=planned - done - quarantined)
+
+
+def is_complete(snapshot: Snapshot) -> bool:
+    """Return whether the map holds every test of all cells that are done: nothing newer is on its way."""
+    tests = int(snapshot.periods / CHUNK_PERIODS)
+    return int((snapshot.tests >= tests).sum()) >= snapshot.done
+
+
+def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate: float) -> str:
+    """Return the accounts as Markdown.
+
+    Parameters
+    ----------
+    nodes
+        All that were heard of.
+    now
+        On the clock of `Node.heard`.
+    state
+        Of the sweep, in a word or two.
+    rate
+        Cells done per second.
+    """
+    values = snapshot.values
+    model = MODEL_NAMES.get(values.get("model", ""), values.get("model"))
+    title = ", ".join(filter(None, [model, _setting(snapshot, "v_mid")])) or "Sweep"
+    parts = [
+        f"## {title}",
+        f"{state} · preset {snapshot.preset}" if snapshot.preset else state,
+        "",
+        *_cells(snapshot, rate),
+    ]
+    parts += ["", *_regimes(snapshot), "", *_nodes(nodes, now), "", *_identity(snapshot)]
+    return "\n".join(parts) + "\n"
+
+
+def playability_page(measured: Mapping[str, Any]) -> str:
+    """Return playability as Markdown: measure by measure, with the error that interleaved grids give.
+
+    Parameters
+    ----------
+    measured
+        What :func:`bow_sweep.maps.playability.playability` found.
+    """
+    rows = []
+    for measure in MEASURES:
+        value, error = measured[measure.name]["value"], measured[measure.name]["error"]
+        scale, unit = (100, " %") if measure.unit == "%" else (1, f" {measure.unit}")
+        shown = "" if value is None else f"{scale * value:.3g}{unit}".rstrip()
+        rows.append((measure.title, shown, "" if error is None else f"{scale * error:.2g}"))
+    head = f"Of {measured['cells']} cells; what each measure means is in docs/terrain.md."
+    return "\n".join(["## Playability", head, "", *_table(("", "", "±"), rows)]) + "\n"
+
+
+def _setting(snapshot: Snapshot, name: str) -> str:
+    value = snapshot.values.get(name)
+    return f"{name} = {value}" if value is not None else ""
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]], numbers_from: int = 1) -> list[str]:
+    rule = ["---" if column < numbers_from else "--:" for column in range(len(head))]
+    lines = [" | ".join(head), " | ".join(rule)]
+    lines += [" | ".join(_cell(item) for item in row) for row in rows]
+    return [f"| {line} |" for line in lines]
+
+
+def _cell(item: object) -> str:
+    return str(item).replace("|", "/").replace("\n", " ")
+
+
+def _cells(snapshot: Snapshot, rate: float) -> list[str]:
+    row = (snapshot.planned, snapshot.done, snapshot.quarantined, snapshot.outstanding, f"{rate:.0f}")
+    return _table(("planned", "done", "quarantined", "outstanding", "cells/s"), [row], numbers_from=0)
+
+
+def _regimes(snapshot: Snapshot) -> list[str]:
+    judged = int((snapshot.tests > 0).sum())
+    found = snapshot.transient_periods[np.nan_to_num(snapshot.transient_periods) > 0]
+    names = [*map(regime_label, snapshot.regime_names), "pending"]
+    counts = snapshot.regime_counts()
+    rows = [
+        (name, int(count), f"{count / snapshot.regime.size:.1%}") for name, count in zip(names, counts, strict=True)
+    ]
+    text = f"Helmholtz motion came in {found.size} of {judged} cells"
+    if found.size:
+        text += f", after {np.median(found):g} periods in the median"
+    return [text + ".", "", *_table(("regime", "cells", "share"), rows)]
+
+
+def _nodes(nodes: Iterable[Node], now: float) -> list[str]:
+    rows = []
+    for node in sorted(nodes, key=lambda node: (node.role, node.name)):
+        state = STATES[node.state] if node.state < len(STATES) else str(node.state)
+        silent = now - node.heard
+        if silent > SILENT_S and state not in ("closed", "dead", "failed"):
+            state = f"silent for {silent:.0f} s"
+        counts = (node.messages, f"{node.bytes / 1e6:.1f}", node.ignored, f"{node.rss / 1e6:.0f}")
+        rows.append(
+            (node.name.rpartition("/")[2], f"**{state}**" if state not in STATES[:4] else state, node.detail, *counts)
+        )
+    head = ("node", "state", "", "messages", "MB", "ignored", "memory MB")
+    return _table(head, rows, numbers_from=3) if rows else ["No node has been heard of."]
+
+
+def _identity(snapshot: Snapshot) -> list[str]:
+    lines = [f"run `{snapshot.run_id}` · sweep `{snapshot.sweep_id}`", ""]
+    if snapshot.settings:
+        lines += ["```", *snapshot.settings, "```"]
+    return lines

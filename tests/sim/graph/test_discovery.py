@@ -1,0 +1,116 @@
+"""A graph stays on its machine unless the environment asks for more; then the profile goes with it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from bow_sim.graph import discovery
+
+
+def test_without_a_word_it_is_this_machine_alone() -> None:
+    said = discovery.defaults({})
+    assert said[discovery.RANGE] == "LOCALHOST"
+    assert said[discovery.PROFILE].endswith("/config/fastdds.xml")
+    assert not discovery.goes_beyond(said)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {discovery.RANGE: "SUBNET"},
+        {discovery.PEERS: "10.0.0.2"},
+        {discovery.SERVER: "10.0.0.1:11811"},
+        {discovery.RANGE: "subnet"},
+    ],
+)
+def test_who_asks_for_more_gets_the_profile_for_it(asked: dict[str, str]) -> None:
+    assert discovery.goes_beyond(asked)
+    said = discovery.defaults(asked)
+    assert said[discovery.PROFILE].endswith("/config/fastdds_network.xml")
+    assert discovery.RANGE not in asked or discovery.RANGE not in said
+
+
+def test_what_the_user_has_set_stays() -> None:
+    assert discovery.defaults({discovery.RANGE: "OFF", discovery.PROFILE: ""}) == {}
+    assert discovery.defaults({discovery.PROFILE: "mine.xml", discovery.PEERS: "10.0.0.2"}) == {
+        discovery.RANGE: "LOCALHOST"
+    }
+
+
+def test_both_profiles_name_the_same_shared_memory_and_only_one_the_loopback() -> None:
+    texts = {}
+    for name in (discovery.LOOPBACK_PROFILE, discovery.NETWORK_PROFILE):
+        found = discovery.find_profile(name)
+        assert found is not None
+        texts[name] = found.read_text()
+    assert all("<segment_size>8388608</segment_size>" in text for text in texts.values())
+    assert ["127.0.0.1</address>" in text for text in texts.values()] == [True, False]
+
+
+def test_a_network_is_a_subnet_or_machines() -> None:
+    assert discovery.asked("subnet") == {discovery.RANGE: "SUBNET"}
+    assert discovery.asked("127.0.0.1, localhost") == {
+        discovery.RANGE: "LOCALHOST",
+        discovery.PEERS: "127.0.0.1;localhost",
+    }
+    for wrong in ("", "10.0.0.1,,10.0.0.2", "a b", "$(reboot)", "no.such.machine.invalid"):
+        with pytest.raises(discovery.ReachError, match="should be SUBNET, or machines"):
+            discovery.asked(wrong)
+
+
+def test_the_command_for_other_machines_says_what_they_must_ask_for() -> None:
+    end = "bow simulator --ros-args -r __ns:=/bow/a1"
+    assert discovery.joining("/bow/a1", {discovery.RANGE: "SUBNET"}) == f"ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET {end}"
+    assert discovery.joining("/bow/a1", {discovery.RANGE: "SUBNET", "ROS_DOMAIN_ID": "7"}).startswith(
+        "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET ROS_DOMAIN_ID=7 bow"
+    )
+    server = discovery.joining("/bow/a1", {discovery.SERVER: "10.0.0.1:11811"})
+    assert server == f"ROS_DISCOVERY_SERVER=10.0.0.1:11811 ROS_SUPER_CLIENT=TRUE {end}"
+    assert discovery.joining("/bow/a1", {discovery.PEERS: "127.0.0.1"}).startswith("ROS_STATIC_PEERS=")
+
+
+def test_it_is_known_without_ros() -> None:
+    code = "import sys, bow_sim.graph.discovery; assert not {'rclpy', 'numpy'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_messages_are_lent_with_our_profile_where_shared_memory_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_ROOM)
+    assert discovery.defaults({})[discovery.LEND] == "1"
+    assert discovery.LEND not in discovery.defaults({discovery.LEND: "0"})
+    assert discovery.LEND not in discovery.defaults({discovery.PROFILE: "mine.xml"})
+    monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_ROOM - 1)
+    assert discovery.defaults({})[discovery.LEND] == "0"
+
+
+def test_the_middleware_is_told_this_machine_by_our_profile_alone() -> None:
+    """With LOCALHOST, rmw_fastrtps adds transports on every interface."""
+    loaded = discovery.as_loaded({})
+    assert loaded[discovery.RANGE] == "SYSTEM_DEFAULT"
+    assert loaded[discovery.PROFILE].endswith("/config/fastdds.xml")
+    assert loaded[discovery.OWN_FILE_ONLY] == "1"
+    assert not discovery.goes_beyond(loaded)
+    assert discovery.as_loaded(loaded) == {}, "a child is loaded as its parent"
+    assert discovery.as_loaded({discovery.RANGE: "localhost"})[discovery.RANGE] == "SYSTEM_DEFAULT"
+
+
+def test_only_our_loopback_profile_stands_for_localhost() -> None:
+    assert discovery.as_loaded({discovery.PROFILE: "mine.xml"}) == {discovery.RANGE: "LOCALHOST"}
+    assert discovery.as_loaded({discovery.PROFILE: "mine.xml", discovery.RANGE: "LOCALHOST"}) == {}
+    assert discovery.RANGE not in discovery.as_loaded({discovery.RANGE: "OFF"})
+    assert discovery.as_loaded({discovery.PEERS: "10.0.0.2"})[discovery.RANGE] == "LOCALHOST"
+    assert discovery.goes_beyond({discovery.RANGE: "SYSTEM_DEFAULT"})
+
+
+def test_an_empty_range_is_none() -> None:
+    assert not discovery.goes_beyond({discovery.RANGE: ""})
+    assert discovery.defaults({discovery.RANGE: ""})[discovery.RANGE] == "LOCALHOST"
+
+
+def test_the_loopback_profile_needs_no_multicast() -> None:
+    found = discovery.find_profile(discovery.LOOPBACK_PROFILE)
+    assert found is not None
+    text = found.read_text()
+    assert "<metatrafficUnicastLocatorList>" in text
+    assert "<initialPeersList>" in text

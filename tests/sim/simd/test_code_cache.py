@@ -1,0 +1,166 @@
+"""Compiled code is read from where it lies, and written where it can be."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import numba
+import pytest
+
+from bow_sim.simd import code_cache
+from bow_sim.simd.code_cache import Announcer, CodeCache
+
+SOURCE = """
+from bow_sim.compiled import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder with a module and nobody's home, in which root too is refused what a user would be."""
+    (tmp_path / "code").mkdir()
+    (tmp_path / "code" / "mine.py").write_text(SOURCE)
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
+    yield tmp_path
+    sys.modules.pop("mine", None)
+
+
+def load(place: Path) -> ModuleType:
+    """The module as another process would have it."""
+    spec = importlib.util.spec_from_file_location("mine", place / "code" / "mine.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["mine"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def kept(folder: Path) -> list[Path]:
+    return list(folder.rglob("*.nbc"))
+
+
+def refuse(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> None:
+    """Let nobody write into these folders, as their modes do for anyone but root."""
+    ensure = code_cache._Locator.ensure_cache_path
+
+    def refused(self: code_cache._Locator) -> None:
+        if any(folder in (Path(self.directory), *Path(self.directory).parents) for folder in folders):
+            raise PermissionError(self.directory)
+        ensure(self)
+
+    monkeypatch.setattr(code_cache._Locator, "ensure_cache_path", refused)
+
+
+def compiled_anew(place: Path) -> bool:
+    """Call the function in a new module; return whether it was not found compiled."""
+    function = load(place).twice
+    assert function(21) == 42
+    return not function.stats.cache_hits
+
+
+def test_code_beside_the_sources_is_used_where_nothing_can_be_written(place, monkeypatch):
+    assert compiled_anew(place)
+    assert kept(place / "code")
+    refuse(monkeypatch, place)
+    assert not compiled_anew(place)
+    assert not kept(place / "tmp")
+
+
+def test_without_any_place_it_is_compiled_each_time(place, monkeypatch):
+    refuse(monkeypatch, place)
+    assert compiled_anew(place)
+    assert compiled_anew(place)
+    assert load(place).twice._cache.cache_path is None
+
+
+@pytest.mark.parametrize("name", ["XDG_CACHE_HOME", "HOME", "NUMBA_CACHE_DIR", ""])
+def test_where_the_sources_are_anothers_it_is_kept_in_the_next_place(place, monkeypatch, name):
+    refuse(monkeypatch, place / "code")
+    (place / "own").mkdir()
+    if name == "NUMBA_CACHE_DIR":
+        monkeypatch.setattr(numba.config, "CACHE_DIR", str(place / "own"))
+    elif name:
+        monkeypatch.setenv(name, str(place / "own"))
+    assert compiled_anew(place)
+    assert not compiled_anew(place)
+    assert kept(place / ("own" if name else "tmp"))
+    assert not kept(place / "code")
+
+
+def test_damaged_code_is_made_again(place):
+    assert compiled_anew(place)
+    for file in (place / "code" / "__pycache__").glob("mine*.nb*"):
+        file.write_bytes(file.read_bytes()[:10])
+        assert compiled_anew(place)
+        assert not compiled_anew(place)
+
+
+def test_code_of_another_numba_is_not_used(place, monkeypatch):
+    assert compiled_anew(place)
+    refuse(monkeypatch, place / "code")
+    monkeypatch.setattr(numba, "__version__", "0.0")
+    assert compiled_anew(place)
+    assert not compiled_anew(place)
+
+
+def test_what_others_can_write_is_not_executed(place, monkeypatch):
+    refuse(monkeypatch, place / "code")
+    assert compiled_anew(place)
+    (private,) = (place / "tmp").iterdir()
+    assert private.stat().st_mode & 0o077 == 0
+    private.chmod(0o777)
+    assert compiled_anew(place)
+    assert compiled_anew(place)
+
+
+@pytest.mark.parametrize("home", ["", "relative", "/proc/nonexistent"])
+def test_a_home_that_is_none_is_not_made(place, monkeypatch, home):
+    monkeypatch.setenv("HOME", home)
+    monkeypatch.chdir(place)
+    for directory in code_cache.candidates(str(place / "code" / "mine.py")):
+        assert Path(directory).is_absolute()
+        assert "nonexistent" not in directory
+
+
+class Started:
+    def __init__(self, function):
+        self.data = {"dispatcher": function}
+
+
+def test_what_takes_long_is_announced_once_with_its_place(place, monkeypatch):
+    monkeypatch.setattr(code_cache, "SAY_AFTER_S", 0.0)
+    function = load(place).twice
+    assert isinstance(function._cache, CodeCache)
+    said: list[str] = []
+    announcer = Announcer(said.append)
+    for _ in range(2):
+        announcer.on_start(Started(function))
+        announcer.on_start(Started(function))
+        announcer._over.wait(0.2)
+        announcer.on_end(Started(function))
+        announcer.on_end(Started(function))
+        assert announcer._teller is None
+    assert len(said) == 1
+    assert str(place / "code") in said[0]
+    assert "NUMBA_CACHE_DIR" in said[0]
+
+
+def test_what_is_quick_is_not_announced(place):
+    said: list[str] = []
+    announcer = Announcer(said.append)
+    announcer.on_start(Started(load(place).twice))
+    announcer.on_end(Started(None))
+    assert said == []

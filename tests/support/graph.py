@@ -1,0 +1,190 @@
+"""A graph of real processes, started as a user starts it, and killed as chance kills it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from bow_sim.graph.discovery import SHARED_MEMORY
+from bow_sim.graph.shm_files import files_of
+
+PATIENCE_S = 120.0
+"""Any of these sweeps takes seconds; so long on a machine busy with other things."""
+
+SMALL = ["fig11d", "--nx", "16", "--ny", "8", "--set", "block_cells=8"]
+"""128 cells in 16 blocks."""
+
+TINY = ["fig11d", "--nx", "2", "--ny", "2", "--periods", "20"]
+"""Four cells in one block."""
+
+
+class Sweep:
+    """`bow sweep` as a process, with its output in a file."""
+
+    def __init__(
+        self, directory: Path, *arguments: str, module: str = "bow_sweep.cli", outer: Sequence[str] = ()
+    ) -> None:
+        self.directory = directory
+        self.output = directory.with_suffix(".out")
+        with open(self.output, "ab") as output:
+            self.process = subprocess.Popen(
+                [*outer, sys.executable, "-m", module, "sweep", *arguments],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env=os.environ,
+                start_new_session=True,
+            )
+
+    @property
+    def text(self) -> str:
+        """What it has printed."""
+        return self.output.read_text()
+
+    def children(self, role: str = "") -> list[psutil.Process]:
+        """Return the processes of its graph, or those of one role."""
+        return self._family(lambda words: "--ros-args" in words and f"__node:={role}" in words)
+
+    def janitors(self) -> list[psutil.Process]:
+        """Return the process that removes what dead ones leave in shared memory: it can be killed too."""
+        return self._family(lambda words: "janitor" in words)
+
+    def _family(self, says: Callable[[str], bool]) -> list[psutil.Process]:
+        """Return the children of which the command line says so."""
+        found = []
+        with contextlib.suppress(psutil.NoSuchProcess):
+            for child in psutil.Process(self.process.pid).children():
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    if says(" ".join(child.cmdline())):
+                        found.append(child)
+        return found
+
+    def done_blocks(self) -> int:
+        """Return how many blocks the ledger says are done."""
+        path = self.directory / "ledger.jsonl"
+        return path.read_bytes().count(b'"event": "done"') if path.exists() else 0
+
+    def wait_until(self, what: Callable[[], bool]) -> None:
+        """Wait for something to become true while the sweep runs."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not what():
+            if self.process.poll() is not None or time.monotonic() > deadline:
+                pytest.fail(f"it never came true; the sweep says:\n{self.text}")
+            time.sleep(0.02)
+
+    def kill(self, role: str) -> None:
+        """SIGKILL one process of a role in the middle of the sweep."""
+        self.wait_until(lambda: bool(self.children(role)))
+        self.children(role)[0].kill()
+
+    def wait(self) -> int:
+        """Wait for its end and return its exit status."""
+        return self.process.wait(PATIENCE_S)
+
+    def stop(self) -> None:
+        """Leave nothing behind, whatever happened."""
+        family = self.children()
+        for process in [psutil.Process(self.process.pid)] if self.process.poll() is None else []:
+            process.send_signal(signal.SIGKILL)
+        for process in family:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process.kill()
+        self.process.wait()
+
+
+def bow(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    command = [sys.executable, "-m", "bow_sweep.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+
+
+def verified(directory: Path) -> dict:
+    """Return what `bow verify` says, which must be that all holds."""
+    result = bow("verify", str(directory))
+    assert result.returncode == 0, result.stdout + result.stderr
+    report: dict = json.loads(result.stdout)
+    assert report["ok"]
+    return report
+
+
+def map_of(directory: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of map.npz but for the name of the run."""
+    with np.load(directory / "map.npz") as file:
+        return {name: file[name] for name in file.files if name != "run_id"}
+
+
+def assert_same_map(one: Path, other: Path) -> None:
+    """Two runs of one sweep give the same map, bit for bit."""
+    first, second = map_of(one), map_of(other)
+    assert first.keys() == second.keys()
+    for name, values in first.items():
+        np.testing.assert_array_equal(values, second[name], err_msg=name)
+
+
+def orphans(directory: Path) -> list[str]:
+    """Return the living processes that were told of a run directory."""
+    found = []
+    for process in psutil.process_iter(["cmdline"]):
+        words = process.info["cmdline"] or []
+        if "--ros-args" in words and any(str(directory) in word for word in words):
+            found.append(" ".join(words))
+    return found
+
+
+def dead_files() -> set[str]:
+    """Return what there is in shared memory, of anybody's, that no living process has."""
+    files = {str(file) for file in SHARED_MEMORY.glob("fast*") if not file.name.endswith("_el")}
+    living = set[str]().union(*(files_of(pid) for pid in psutil.pids()))
+    return files - {file.removesuffix("_el") for file in living}
+
+
+@contextlib.contextmanager
+def sweeping(
+    directory: Path, *arguments: str, module: str = "bow_sweep.cli", outer: Sequence[str] = ()
+) -> Iterator[Sweep]:
+    """Start a sweep into `directory`; kill what is left of it in the end.
+
+    `module` stands for the command, and `outer` is the beginning of a command that runs another.
+    """
+    sweep = Sweep(directory, *arguments, module=module, outer=outer)
+    try:
+        yield sweep
+    finally:
+        sweep.stop()
+
+
+def assert_gone_on_with(run: Path, undisturbed: Path) -> None:
+    """Resume a run that was cut off: it ends well, holds, and has the map of an undisturbed run."""
+    with sweeping(run, "--resume", str(run)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+
+
+def assert_survives_a_kill(role: str, run: Path, arguments: Sequence[str], blocks: int, undisturbed: Path) -> None:
+    """Kill a process once some blocks are done: the sweep ends well by itself, with the map of an undisturbed run."""
+    with sweeping(run, *arguments, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= blocks)
+        sweep.kill(role)
+        assert sweep.wait() == 0, sweep.text
+        assert "killed by SIGKILL" in sweep.text
+    verified(run)
+    assert_same_map(undisturbed, run)
+
+
+def run_sweep(directory: Path, *arguments: str) -> Path:
+    """Run a sweep to its end, which must be a good one."""
+    with sweeping(directory, *arguments, "--out", str(directory)) as sweep:
+        assert sweep.wait() == 0, sweep.text
+    return directory

@@ -1,0 +1,30 @@
+"""A recorded run."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import recording
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of the small sweep; not to be changed."""
+    return recording.record(tmp_path_factory.mktemp("record") / "run", recording.small_sweep())
+
+
+@pytest.fixture
+def run(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of the finished run, to be changed."""
+    return Path(shutil.copytree(recorded, tmp_path / "run"))
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[recording.Graph]:
+    """A node of ours in a domain of its own, and a recorder to come."""
+    with recording.graph(tmp_path / "run", 100 + os.getpid() % 100) as made:
+        yield made

@@ -1,0 +1,266 @@
+"""What heartbeats of simulators mean for the ledger, whichever messages are lost, late or a stranger's."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from bow_sim.protocol.neighbours import BUSY, CLOSED, DEAD, LEFT, READY, SILENT_S, STARTING
+from bow_sweep.coordinator.simulator_pool import FIRST_PAUSE_S, TAKEN_S, Pool
+from bow_sweep.run.ledger import (
+    Dispatch,
+    Event,
+    Finished,
+    Judged,
+    Ledger,
+    OnDisk,
+    Receipted,
+    SimulatorLost,
+    SimulatorReady,
+    State,
+    Tick,
+)
+
+RUN, NAME = "r" * 16, "/bow/simulator_1"
+
+
+def health(
+    state: int = READY, held: list[tuple[int, int]] | None = None, refused: list | None = None, **changes: Any
+) -> Any:
+    values = {
+        "node": NAME,
+        "incarnation": "1" * 16,
+        "host": "there",
+        "pid": 7,
+        "run_id": RUN,
+        "detail": "",
+        "state": state,
+    }
+    for name, keys in (("held", held or []), ("refused", refused or [])):
+        values |= {f"{name}_blocks": [key[0] for key in keys], f"{name}_attempts": [key[1] for key in keys]}
+    return SimpleNamespace(**{**values, **changes})
+
+
+class World:
+    """A pool, and what it said."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.complaints: list[str] = []
+        self.pool = Pool(self.events.append, "here", self.complaints.append)
+
+    def hear(self, now: float, hears_us: bool = True, **changes: Any) -> None:
+        self.pool.on_health(health(**changes), RUN, hears_us, now)
+
+    def take(self) -> list[Event]:
+        events, self.events[:] = list(self.events), []
+        return events
+
+
+@pytest.fixture
+def world() -> World:
+    """A pool with one simulator that is ready."""
+    made = World()
+    made.hear(0.0)
+    made.pool.look(0.0, may_join=True)
+    assert made.take() == [SimulatorReady(NAME)]
+    return made
+
+
+def test_a_simulator_joins_when_it_is_ready_and_says_that_blocks_arrive() -> None:
+    world = World()
+    for changes in ({"hears_us": False}, {"state": STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
+        world.hear(0.0, **changes)  # type: ignore[arg-type]
+        world.pool.look(0.0, may_join=True)
+        assert world.take() == []
+    world.hear(0.0)
+    world.pool.look(0.0, may_join=False)
+    assert world.take() == []
+    world.pool.look(0.0, may_join=True)
+    assert world.take() == [SimulatorReady(NAME)]
+
+
+def test_what_was_held_and_is_no_longer_has_ended(world: World) -> None:
+    assert world.pool.send(NAME, 4, 1, 0.0) == "1" * 16
+    world.hear(0.1)
+    assert world.take() == []
+    world.hear(0.2, state=BUSY, held=[(4, 1)])
+    assert world.take() == []
+    world.hear(0.3)
+    assert world.take() == [Finished(NAME, 4, 1)]
+
+
+def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(world: World) -> None:
+    world.pool.send(NAME, 4, 1, 0.0)
+    world.hear(TAKEN_S)
+    assert world.take() == []
+    world.hear(TAKEN_S + 0.1)
+    assert [type(event) for event in world.take()] == [SimulatorLost]
+    world.pool.look(TAKEN_S + 0.2, may_join=True)
+    assert world.take() == []  # a pause
+    later = TAKEN_S + FIRST_PAUSE_S + 0.1
+    world.hear(later)
+    world.pool.look(later, may_join=True)
+    assert world.take() == [SimulatorReady(NAME)]
+    world.pool.send(NAME, 5, 1, later)
+    world.hear(later, refused=[(5, 1)])
+    assert [type(event) for event in world.take()] == [SimulatorLost]
+
+
+def test_only_its_own_supervisor_or_a_long_silence_makes_a_simulator_dead(world: World) -> None:
+    world.hear(1.0, state=DEAD, incarnation="", pid=8)
+    world.hear(1.0, state=CLOSED, detail=LEFT, incarnation="2" * 16)
+    assert world.take() == []
+    world.hear(1.0, state=DEAD, incarnation="", detail="killed")
+    assert world.take() == [SimulatorLost(NAME, "killed", blame=True)]
+    world.hear(2.0)
+    world.pool.look(2.0, may_join=True)
+    world.take()
+    world.pool.look(2.0 + SILENT_S, may_join=True)
+    assert world.take() == []
+    world.pool.look(2.1 + SILENT_S, may_join=True)
+    (lost,) = world.take()
+    assert isinstance(lost, SimulatorLost)
+    assert lost.blame  # of another machine: nobody else would say so
+
+
+def test_a_simulator_of_this_machine_that_is_stopped_is_not_blamed() -> None:
+    import os
+
+    world = World()
+    world.hear(0.0, host="here", pid=os.getpid())
+    world.pool.look(0.0, may_join=True)
+    world.pool.look(SILENT_S + 0.1, may_join=True)
+    lost = world.take()[-1]
+    assert isinstance(lost, SimulatorLost)
+    assert not lost.blame
+
+
+def test_the_second_of_a_name_gets_no_work_and_is_named_once(world: World) -> None:
+    for now in (1.0, 2.0, 3.0):
+        world.hear(now, incarnation="2" * 16, pid=9)
+        world.hear(now)
+        world.pool.look(now, may_join=True)
+    assert world.take() == []
+    assert len(world.complaints) == 1
+    assert "process 9 on there gets no work" in world.complaints[0]
+    assert world.pool.send(NAME, 0, 1, 3.0) == "1" * 16
+    world.hear(4.0 + SILENT_S, incarnation="2" * 16, pid=9)  # the first is silent by now
+    world.pool.look(4.0 + SILENT_S, may_join=True)
+    assert [type(event) for event in world.take()] == [SimulatorLost, SimulatorReady]
+    assert world.pool.send(NAME, 0, 2, 4.0 + SILENT_S) == "2" * 16
+
+
+class Sweeps(RuleBasedStateMachine):
+    """Pool and ledger together, with simulators of which heartbeats, blocks and processes get lost."""
+
+    names = st.sampled_from(["/bow/s1", "/bow/s2", "/bow/s3"])
+
+    @initialize()
+    def begin(self) -> None:
+        self.now = 0.0
+        self.ledger = Ledger(5, 2)
+        self.pool = Pool(self.emit, "here", lambda _: None)
+        self.living: dict[str, tuple[str, list[tuple[int, int]]]] = {}
+        self.born = 0
+        self.mail: list[tuple[str, int, int]] = []
+
+    def emit(self, event: Event) -> None:
+        for item in self.ledger.handle(event, self.now):
+            if isinstance(item, Dispatch):
+                incarnation = self.pool.send(item.simulator, item.block, item.attempt, self.now)
+                if incarnation:
+                    self.mail.append((incarnation, item.block, item.attempt))
+
+    def beat(self, name: str, **changes: Any) -> None:
+        incarnation, held = self.living[name]
+        state = BUSY if held else READY
+        message = health(state, held, node=name, incarnation=incarnation, **changes)
+        self.pool.on_health(message, RUN, True, self.now)
+
+    @rule(name=names)
+    def start(self, name: str) -> None:
+        if name not in self.living:
+            self.born += 1
+            self.living[name] = (f"{self.born:016}", [])
+            self.beat(name)
+
+    @rule(name=names, stranger=st.booleans())
+    def heartbeat(self, name: str, stranger: bool) -> None:
+        if stranger:
+            self.pool.on_health(health(node=name, incarnation="f" * 16, pid=99), RUN, True, self.now)
+        elif name in self.living:
+            self.beat(name)
+
+    @rule(seconds=st.sampled_from([0.1, 1.0, 4.0, 12.0]), silent=st.booleans())
+    def time_passes(self, seconds: float, silent: bool) -> None:
+        self.now += seconds
+        if not silent:
+            for name in self.living:
+                self.beat(name)
+        self.pool.look(self.now, may_join=True)
+        self.emit(Tick())
+
+    @rule(arrives=st.booleans(), which=st.integers(0, 9))
+    def post(self, arrives: bool, which: int) -> None:
+        if not self.mail:
+            return
+        incarnation, block, attempt = self.mail.pop(which % len(self.mail))
+        for name, (own, held) in self.living.items():
+            if arrives and own == incarnation and len(held) < 2:
+                held.append((block, attempt))
+                self.beat(name)
+
+    @rule(name=names, answered=st.booleans())
+    def compute(self, name: str, answered: bool) -> None:
+        _, held = self.living.get(name, ("", []))
+        if held:
+            self.answer(held.pop(0)[0], answered)
+
+    def answer(self, block: int, answered: bool) -> None:
+        for chunk in range(2 if answered else 1):
+            self.emit(Judged(block, chunk, 5, 6))
+            self.emit(Receipted(block, chunk, 5, verdicts=False))
+            self.emit(Receipted(block, chunk, 6, verdicts=True))
+        if answered:
+            self.emit(OnDisk(block))
+
+    @rule(name=names, said=st.booleans())
+    def die(self, name: str, said: bool) -> None:
+        if name in self.living:
+            message = health(DEAD, node=name, incarnation="")
+            del self.living[name]
+            if said:
+                self.pool.on_health(message, RUN, True, self.now)
+
+    @invariant()
+    def nobody_holds_more_than_the_ledger_knows(self) -> None:
+        if hasattr(self, "ledger"):
+            assert sum(self.ledger.count(state) for state in State) == 5
+            assert all(len(hand) <= 2 for hand in self.ledger.hands.values())
+
+    def teardown(self) -> None:
+        """One simulator that lives and answers is enough: every block is settled in the end."""
+        if not hasattr(self, "ledger"):
+            return
+        for name in list(self.living):
+            self.die(name, True)
+        self.mail.clear()
+        self.start("/bow/s1")
+        for _ in range(300):
+            while self.mail:
+                self.post(True, 0)
+            self.compute("/bow/s1", True)
+            self.time_passes(1.0, False)
+            if self.ledger.finished:
+                return
+        raise AssertionError("blocks stay outstanding for ever")
+
+
+TestSweeps = Sweeps.TestCase
+TestSweeps.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from bow_sweep.maps.axes import Axis
+
+FORCE = Axis.of("f_asym", np.geomspace(0.5, 20, 128))
+RATIO = Axis.of("f_init_ratio", np.linspace(0, 2, 64))
+
+
+def labels(axis: Axis) -> list[str]:
+    return [tick.text for tick in axis.ticks() if tick.text]
+
+
+def test_the_papers_axes_are_recognised():
+    assert (FORCE.scale, RATIO.scale) == ("log", "linear")
+
+
+@pytest.mark.parametrize("axis", [FORCE, RATIO, Axis.of("v_mid", np.linspace(0.9, -2, 30))])
+def test_a_value_lies_in_the_middle_of_its_cell(axis):
+    places = [axis.position(value) for value in axis.values]
+    assert places == pytest.approx(np.arange(axis.count) + 0.5)
+
+
+def test_the_papers_axes_have_round_ticks():
+    assert labels(FORCE) == ["0.5", "1", "2", "5", "10", "20"]
+    assert labels(RATIO) == ["0", "0.5", "1", "1.5", "2"]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.geomspace(1e-3, 1e4, 50),
+        np.geomspace(1e-8, 1e8, 20),
+        np.geomspace(5, 6, 10),
+        np.geomspace(20, 0.5, 4),
+        np.linspace(-2, 0.9, 7),
+        np.linspace(0.1, 0.11, 3),
+        np.array([0.5, 20.0]),
+        np.array([5.0]),
+        np.linspace(1e6, 1e6 + 1, 9),
+    ],
+)
+def test_every_axis_has_a_few_ticks_inside_it_in_order(values):
+    ticks = Axis.of("f_asym", values).ticks()
+    places = [tick.position for tick in ticks]
+    assert places == sorted(places)
+    assert min(places) >= -1e-6
+    assert max(places) <= len(values) + 1e-6
+    assert 1 <= len([tick for tick in ticks if tick.text]) <= 12
+
+
+def test_two_values_take_the_usual_scale_of_their_parameter():
+    assert Axis.of("f_asym", np.array([1.0, 2.0])).scale == "log"
+    assert Axis.of("v_mid", np.array([0.1, 0.2])).scale == "linear"
+
+
+@pytest.mark.parametrize("values", [[], [1.0, np.nan], [1.0, 1.0], [1.0, 3.0, 2.0], [[1.0, 2.0]]])
+def test_what_is_no_axis_is_refused(values):
+    with pytest.raises(ValueError, match="axis f_asym"):
+        Axis.of("f_asym", np.array(values))
+
+
+def test_titles_name_parameter_symbol_and_unit():
+    assert "asymptotic bow force" in FORCE.title()
+    assert "$f_\\mathrm{asym}$" in FORCE.title()
+    assert "Y_T = 3" in FORCE.title(mathematics=False, settings=["y_t=3.0"])
+    assert Axis.of("bow_bridge", np.arange(10.0, 20.0)).title(mathematics=False) == (
+        "round trip bow-bridge-bow; beta = bow_bridge/period  bow_bridge  (samples)"
+    )
+    assert Axis.of("unheard_of", np.arange(3.0)).title(mathematics=False) == "unheard_of"

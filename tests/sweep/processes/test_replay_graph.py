@@ -1,0 +1,116 @@
+"""Replay = live: through DDS and a classifier process the verdicts are those of the same bag judged in this process."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+import recording
+
+from bow_sweep.processes.replay_graph import chunks_in_order, judge_in_graph
+from bow_sweep.processes.supervisor import GraphError
+from bow_sweep.record.bag_contents import Survey
+from bow_sweep.record.replay import judge_here, replay
+
+pytestmark = pytest.mark.usefixtures("ros_domain")
+
+SWEEP = recording.small_sweep()
+
+
+def bow_replay(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "bow_sweep.cli", "replay", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_through_dds_the_verdicts_are_the_recorded_ones(run: Path) -> None:
+    before = {path: path.read_bytes() for path in sorted(run.rglob("*")) if path.is_file()}
+    result = bow_replay(str(run), "--graph")
+    assert result.returncode == 0, result.stderr
+    said = json.loads(result.stdout)
+    assert said["chunks"] == said["equal"] == 12
+    assert said["file"] is None
+    assert said == replay(run)
+    assert {path: path.read_bytes() for path in sorted(run.rglob("*")) if path.is_file()} == before
+
+
+def test_other_thresholds_give_the_same_new_verdict_set_on_both_ways(run: Path) -> None:
+    bag = (run / "bag" / "bag_0.mcap").read_bytes()
+    settings = ["correlation=0.5", "corner=0.35"]
+    here = replay(run, settings=settings, judge=judge_here)
+    in_process = Path(here["file"]).read_bytes()
+    Path(here["file"]).unlink()
+    there = replay(run, settings=settings, judge=judge_in_graph)
+    assert here == there
+    assert here["equal"] < here["chunks"] == 12
+    assert Path(there["file"]).read_bytes() == in_process
+    assert (run / "bag" / "bag_0.mcap").read_bytes() == bag
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of 480 chunks, many more than are under way at once."""
+    sweep = recording.small_sweep("periods=200", "block_cells=1")
+    return recording.record(tmp_path_factory.mktemp("long") / "run", sweep)
+
+
+@pytest.mark.full
+def test_a_long_bag_goes_through_bit_by_bit(long: Path) -> None:
+    result = replay(long, judge=judge_in_graph)
+    assert result["ok"]
+    assert result["equal"] == result["chunks"] == 12 * 40
+
+
+@pytest.mark.full
+def test_a_bag_with_a_gap_is_judged_up_to_it(tmp_path: Path) -> None:
+    session = recording.session(tmp_path / "run", SWEEP)
+    for block in range(SWEEP.blocks):
+        for number, chunk in enumerate(recording.chunks(SWEEP, block)):
+            for topic, data in chunk.items():
+                if (block, number, topic) != (1, 2, "stick_slip"):
+                    session.take(topic, data, time.time_ns())
+    recording.finish(session, SWEEP)
+    survey = Survey(tmp_path / "run" / "bag").read()
+    assert [chunk for block, chunk in chunks_in_order(survey, _task(survey)) if block == 1] == [0, 1]
+    here, there = (replay(tmp_path / "run", judge=judge) for judge in (judge_here, judge_in_graph))
+    assert not here["ok"]
+    assert here == there
+
+
+def _task(survey: Survey) -> object:
+    from bow_sweep.record.replay import task_of
+
+    return task_of(survey)
+
+
+@pytest.mark.full
+def test_a_classifier_that_dies_is_said(long: Path) -> None:
+    survey = Survey(long / "bag").read()
+    verdicts = judge_in_graph(survey, _task(survey))  # type: ignore[arg-type]
+    next(verdicts)
+    (classifier,) = [p for p in psutil.Process().children() if "--ros-args" in p.cmdline()]
+    classifier.kill()
+    with pytest.raises(GraphError, match=r"the classifier ended \(killed by SIGKILL\)"):
+        list(verdicts)
+
+
+@pytest.mark.full
+def test_interrupted_it_leaves_nothing_behind(run: Path) -> None:
+    words = [sys.executable, "-m", "bow_sweep.cli", "replay", str(run), "--graph", "--set", "correlation=0.5"]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True)
+    children: list[psutil.Process] = []
+    while not children:
+        assert process.poll() is None
+        time.sleep(0.05)
+        children = [p for p in psutil.Process(process.pid).children() if "--ros-args" in p.cmdline()]
+    os.kill(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert b"nothing was written" in said
+    psutil.wait_procs(children, timeout=20)
+    assert not children[0].is_running() or children[0].status() == psutil.STATUS_ZOMBIE  # init may take its time
+    assert not list(run.glob("verdicts-*"))

@@ -1,0 +1,279 @@
+"""What dead processes leave in shared memory goes, theirs and nobody else's, whoever is killed."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import inotify_simple
+import pytest
+
+from bow_sim.graph import shm_files
+from bow_sweep.processes.shm_cleaner import NOTE, House, Janitor
+
+SHARED = Path("/dev/shm")
+
+SEGMENT = SHARED / "fastrtps_0123456789abcdef"
+PORT = SHARED / "fastrtps_port99999"
+SEMAPHORE = SHARED / "sem.fastrtps_port99999_mutex"
+
+HOLDS = """
+import fcntl, mmap, os, sys
+kept = []
+for name in sys.argv[1:]:
+    name = name.replace("PID", f"{os.getpid() % 256:02x}.{os.getpid() // 256 % 256:02x}")
+    kept.append(os.open(name, os.O_RDWR | os.O_CREAT))
+    if name.endswith("_el"):
+        fcntl.flock(kept[-1], fcntl.LOCK_EX)
+    else:
+        os.truncate(name, 4096)
+        kept.append(mmap.mmap(kept[-1], 0))
+print("holds", flush=True)
+sys.stdin.read()
+"""
+"""A process that has shared memory as Fast DDS has it: locks, and files in its memory."""
+
+LENT = SHARED / "fast_datasharing_01.0f.be.ef.PID.f1.4e.00.00.00.00_0.0.14.3"
+
+
+def lock(file: Path) -> Path:
+    return file.with_name(f"{file.name}_el")
+
+
+@contextlib.contextmanager
+def holding(*files: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process that holds these files."""
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDS, *files], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == b"holds\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def lent_by(pid: int) -> Path:
+    """Return the file, as Fast DDS names it, that a process lends."""
+    return Path(str(LENT).replace("PID", f"{pid % 256:02x}.{pid // 256 % 256:02x}"))
+
+
+def wait_until(what: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not what():
+        assert time.monotonic() < deadline, "it never came true"
+        time.sleep(0.01)
+
+
+def notes(folder: Path) -> list[Path]:
+    return list(folder.glob(f"{NOTE}.*"))
+
+
+@contextlib.contextmanager
+def watched(janitor: Janitor, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process with a segment; yield it once the janitor has taken note of that."""
+    SEGMENT.touch()
+    with holding(lock(SEGMENT)) as process:
+        janitor.tell(process.pid)
+        wait_until(lambda: bool(notes(folder)))
+        yield process
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays() -> Iterator[None]:
+    """A test that fails leaves nothing either."""
+    yield
+    for file in (SEGMENT, PORT, lock(SEGMENT), lock(PORT), SEMAPHORE, *SHARED.glob("fast_datasharing_01.0f.be.ef.*")):
+        file.unlink(missing_ok=True)
+
+
+# ---- files
+
+
+def test_a_note_names_segments_ports_and_what_is_lent_and_nothing_else(tmp_path: Path) -> None:
+    files = {str(lock(SEGMENT)), str(lock(PORT)), str(lent_by(1234))}
+    note = tmp_path / "note"
+    assert shm_files.noted(note) == set()
+    shm_files.note(note, files)
+    with open(note, "a") as file:
+        file.write(f"/etc/passwd\n{lock(SEGMENT)}/../x\n/tmp/fast_datasharing_01\n{SEGMENT}\n\n\x00")
+    assert shm_files.noted(note) == files
+    shm_files.note(tmp_path / "nowhere" / "note", files)
+
+
+def test_what_a_process_has_is_known_and_goes_when_it_has_gone() -> None:
+    SEGMENT.touch()
+    with holding(lock(SEGMENT), LENT) as process:
+        others = lent_by(process.pid).with_name(lent_by(process.pid).name.replace("f1.4e", "00.00"))
+        others.write_bytes(b"x")  # by a process of the same number, elsewhere
+        files = shm_files.files_of(process.pid)
+        assert files == {str(lock(SEGMENT)), str(lent_by(process.pid))}
+        assert shm_files.files_of(process.pid, files) == set()
+        assert shm_files.remove(files) == files
+        process.kill()
+        process.wait()
+        assert shm_files.files_of(process.pid) == set()
+        assert shm_files.remove(files) == set()
+        assert shm_files.remove(files) == set()
+        assert not SEGMENT.exists()
+        assert others.exists()
+
+
+def test_a_port_goes_last_with_its_semaphore_and_where_somebody_made_it_again() -> None:
+    files = {str(lock(PORT))}
+    for made in ((PORT, SEMAPHORE, lock(PORT)), (PORT, SEMAPHORE)):
+        for file in made:
+            file.touch()
+        assert shm_files.remove(files) == files
+        with open(lock(PORT), "a") as held:
+            fcntl.flock(held, fcntl.LOCK_EX)
+            assert shm_files.remove(files, ports=True) == files
+            assert PORT.exists()
+        if lock(PORT) not in made:
+            lock(PORT).unlink()
+        assert shm_files.remove(files, ports=True) == set()
+        assert not [file for file in (PORT, SEMAPHORE, lock(PORT)) if file.exists()]
+
+
+# ---- the house
+
+
+def test_what_is_made_is_of_whom_its_name_says_even_where_nobody_looks_in_time(tmp_path: Path) -> None:
+    house = House(tmp_path)
+    house.enter(4711)
+    for pid in (4711, 4712):
+        lent_by(pid).touch()
+    house.make([lent_by(4711).name, lent_by(4712).name, "another", "fastrtps_0123456789abcdef_el"])
+    house.leave(4711)
+    assert not lent_by(4711).exists()
+    assert lent_by(4712).exists()
+    house.close()
+    assert lent_by(4712).exists()
+
+
+def test_the_next_one_sees_to_what_a_killed_one_has_noted(tmp_path: Path) -> None:
+    (tmp_path / f"{NOTE}.1").write_text(f"{lock(SEGMENT)}\n{lent_by(4711)}\n")
+    for file in (lock(SEGMENT), SEGMENT, lent_by(4711)):
+        file.touch()
+    with open(lock(SEGMENT)) as held:  # one of the run before is still ending
+        fcntl.flock(held, fcntl.LOCK_EX)
+        house = House(tmp_path)
+        assert not lent_by(4711).exists()
+        assert SEGMENT.exists()
+    house.close()
+    assert not SEGMENT.exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- its process
+
+
+def test_it_removes_what_a_killed_process_leaves_and_ends_with_its_supervisor(tmp_path: Path) -> None:
+    janitor = Janitor(tmp_path, "/bow/x", [])
+    with watched(janitor, tmp_path) as process:
+        process.kill()
+        wait_until(lambda: not SEGMENT.exists())
+    assert not lock(SEGMENT).exists()
+    assert not janitor.died
+    janitor.close(20)
+    assert notes(tmp_path) == []
+    assert (tmp_path / "janitor.log").read_text() == ""
+
+
+def test_it_sees_what_is_made_while_it_lives(tmp_path: Path) -> None:
+    janitor = Janitor(tmp_path, "/bow/x", [])
+    with holding() as process:
+        janitor.tell(process.pid)
+        time.sleep(0.3)  # nothing is made now, and it does not look
+        lent_by(process.pid).touch()
+        wait_until(lambda: any(str(lent_by(process.pid)) in note.read_text() for note in notes(tmp_path)))
+        process.kill()
+        wait_until(lambda: not lent_by(process.pid).exists())
+    janitor.close(20)
+
+
+def test_where_it_was_killed_its_work_is_done_in_the_end(tmp_path: Path) -> None:
+    janitor = Janitor(tmp_path, "/bow/x", [])
+    with watched(janitor, tmp_path) as process:
+        janitor._process.kill()
+        janitor._process.wait()
+        assert janitor.died
+        janitor.tell(process.pid)  # nobody hears it
+        process.kill()
+        process.wait()
+    assert SEGMENT.exists()
+    janitor.close(20)
+    assert not SEGMENT.exists()
+    assert notes(tmp_path) == []
+
+
+SUPERVISES = """
+import os, signal, sys
+from pathlib import Path
+from bow_sweep import janitor
+janitor.LEAVE_S = float(sys.argv[3])
+keeper = janitor.Janitor(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
+print("supervises", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> None:
+    leave_s = 3.0
+    SEGMENT.touch()
+    with (
+        holding(lock(SEGMENT)) as process,
+        subprocess.Popen(
+            [sys.executable, "-c", SUPERVISES, tmp_path, str(process.pid), str(leave_s)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        ) as supervisor,
+    ):
+        assert supervisor.stdout is not None
+        assert supervisor.stdout.readline() == b"supervises\n"
+        wait_until(lambda: bool(notes(tmp_path)))
+        (note,) = notes(tmp_path)
+        janitor = int(note.suffix[1:])
+        time.sleep(leave_s + 0.2)  # it has heard nothing for longer than it waits without a supervisor
+        supervisor.send_signal(signal.SIGKILL)
+        supervisor.wait()
+        time.sleep(0.2)
+        os.kill(janitor, 0)  # it lives
+        assert SEGMENT.exists()
+        process.kill()
+        wait_until(lambda: not SEGMENT.exists())
+        wait_until(lambda: not note.exists())
+        wait_until(lambda: not Path(f"/proc/{janitor}/exe").exists())
+
+
+@pytest.mark.parametrize("error", [errno.ENOSYS, errno.EPERM, errno.EINVAL, None])
+def test_where_the_system_tells_nothing_it_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int | None
+) -> None:
+    """Old kernels and sandboxes have no pidfd_open, and some no inotify."""
+
+    def refuse(*_: object) -> int:
+        assert error is not None
+        raise OSError(error, os.strerror(error))
+
+    if error is None:
+        monkeypatch.delattr(os, "pidfd_open")
+    else:
+        monkeypatch.setattr(os, "pidfd_open", refuse)
+        monkeypatch.setattr(inotify_simple.INotify, "__init__", refuse)
+    janitor = Janitor(tmp_path, "/bow/x", [])
+    with watched(janitor, tmp_path) as process:
+        process.kill()  # a zombie has ended
+        wait_until(lambda: not SEGMENT.exists())
+        assert not janitor.died
+    janitor.close(20)
+    assert notes(tmp_path) == []

@@ -1,0 +1,65 @@
+"""What the supervisor hears and does: processes whose work is over go, and nobody's word but our run's sends them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from bow_msgs.msg import Plan
+
+from bow_sim.protocol import cdr
+from bow_sweep.processes.supervisor import Child, Supervisor
+from bow_sweep.processes.supervisor_node import SupervisorNode
+
+RUN = "a" * 16
+
+
+def plan(run_id: str, state: int) -> bytes:
+    kinds = {"string": "", "string[]": [], "uint8[]": [], "uint8": 0, "uint32": 1}
+    values = {field: kinds[kind] for field, kind in cdr.FIELDS["Plan"].items()}
+    return cdr.encode("Plan", {**values, "run_id": run_id, "state": state})
+
+
+@pytest.mark.parametrize(
+    ("data", "closed"),
+    [
+        (plan(RUN, Plan.CLOSED), True),
+        (plan(RUN, Plan.OPEN), False),
+        (plan("b" * 16, Plan.CLOSED), False),
+        (plan(RUN, Plan.CLOSED)[:40], False),
+    ],
+)
+def test_only_the_plan_of_our_run_sends_simulators_home(data: bytes, closed: bool) -> None:
+    node = SimpleNamespace(closed=False, get_namespace=lambda: f"/bow/{RUN}")
+    SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
+    assert node.closed is closed
+
+
+PATIENT = """
+import signal, time
+signal.signal(signal.SIGINT, signal.SIG_DFL)  # where the tests run in the background, it is ignored
+print("listens", flush=True)
+time.sleep(60)
+"""
+
+
+def test_those_released_end_and_are_not_taken_for_dead(tmp_path: Path) -> None:
+    supervisor = Supervisor("/bow/x", tmp_path, {})
+    for name in ("simulator_1", "simulator_2", "recorder"):
+        process = subprocess.Popen([sys.executable, "-c", PATIENT], stdout=subprocess.PIPE)
+        assert process.stdout
+        with process.stdout as output:
+            assert output.readline() == b"listens\n"
+        supervisor.children.append(Child(name.partition("_")[0], name, process, tmp_path / f"{name}.log"))
+    simulators = supervisor.children[:2]
+    supervisor.release(("simulator",))
+    supervisor.release(("simulator",))
+    for child in simulators:
+        child.process.wait(10)
+    assert supervisor.buried() == []
+    assert [child.name for child in supervisor.children] == ["recorder"]
+    assert supervisor.stop(idle=True) == []
+    assert supervisor.children == []

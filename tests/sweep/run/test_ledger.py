@@ -1,0 +1,358 @@
+"""The ledger: exact accounts whatever happens, in whatever order."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invariant, rule
+
+from bow_sweep.run import ledger as L  # noqa: N812  # events read better as L.Finished
+from bow_sweep.run.ledger import Ledger, State
+
+CHUNKS = 3
+
+
+def chunk_sum(block: int, chunk: int) -> int:
+    return 1000 * block + chunk
+
+
+def verdict_sum(block: int, chunk: int) -> int:
+    return 500_000 + 1000 * block + chunk
+
+
+def answer(ledger: Ledger, block: int, now: float = 0.0) -> list:
+    out = []
+    for chunk in range(CHUNKS):
+        out += ledger.handle(L.Receipted(block, chunk, chunk_sum(block, chunk), False), now)
+        out += ledger.handle(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk)), now)
+        out += ledger.handle(L.Receipted(block, chunk, verdict_sum(block, chunk), True), now)
+    return out + ledger.handle(L.OnDisk(block), now)
+
+
+def dispatches(out: list) -> list[L.Dispatch]:
+    return [item for item in out if isinstance(item, L.Dispatch)]
+
+
+def planned_is_accounted_for(ledger: Ledger) -> bool:
+    return sum(ledger.count(state) for state in State) == len(ledger.blocks)
+
+
+def test_a_simulator_gets_two_blocks_and_the_next_when_one_is_finished() -> None:
+    ledger = Ledger(3, CHUNKS)
+    out = dispatches(ledger.handle(L.SimulatorReady("a"), 0))
+    assert [(d.block, d.attempt) for d in out] == [(0, 1), (1, 1)]
+    assert [d.block for d in dispatches(ledger.handle(L.Finished("a", 0, 1), 0))] == [2]
+
+
+def test_work_is_shared_between_simulators() -> None:
+    ledger = Ledger(8, CHUNKS)
+    first = dispatches(ledger.handle(L.SimulatorReady("a"), 0))
+    second = dispatches(ledger.handle(L.SimulatorReady("b"), 0))
+    assert {d.simulator for d in first} == {"a"}
+    assert {d.simulator for d in second} == {"b"}
+
+
+def test_dispatch_is_recorded_before_it_is_sent() -> None:
+    out = Ledger(1, CHUNKS).handle(L.SimulatorReady("a"), 0)
+    assert isinstance(out[0], L.Record)
+    assert out[0].entry["event"] == "dispatched"
+    assert isinstance(out[1], L.Dispatch)
+
+
+@pytest.mark.parametrize("missing", ["streams", "judged", "verdicts", "disk"])
+def test_a_block_is_not_done_while_one_answer_is_missing(missing: str) -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    events = {
+        "streams": [L.Receipted(0, c, chunk_sum(0, c), False) for c in range(CHUNKS)],
+        "judged": [L.Judged(0, c, chunk_sum(0, c), verdict_sum(0, c)) for c in range(CHUNKS)],
+        "verdicts": [L.Receipted(0, c, verdict_sum(0, c), True) for c in range(CHUNKS)],
+        "disk": [L.OnDisk(0)],
+    }
+    last = events[missing].pop()
+    for kind in events.values():
+        for event in kind:
+            ledger.handle(event, 0)
+    assert not ledger.finished
+    ledger.handle(last, 0)
+    assert ledger.finished
+    assert ledger.count(State.DONE) == 1
+
+
+def test_only_the_block_being_computed_is_suspect_when_its_simulator_dies() -> None:
+    ledger = Ledger(2, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.SimulatorLost("a", "killed"), 0)
+    assert [block.deaths for block in ledger.blocks] == [1, 0]
+
+
+def test_a_block_that_is_done_is_not_blamed_for_the_next() -> None:
+    ledger = Ledger(2, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    answer(ledger, 0)  # its result is still under way when the simulator dies of the next one
+    ledger.handle(L.SimulatorLost("a", "SIGSEGV"), 0)
+    assert [block.deaths for block in ledger.blocks] == [0, 1]
+    assert ledger.blocks[1].deaths_alone == 1
+
+
+def test_our_own_kills_blame_nobody() -> None:
+    ledger = Ledger(2, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.SimulatorLost("a", "stopped", blame=False), 0)
+    assert [block.deaths for block in ledger.blocks] == [0, 0]
+    assert [d.attempt for d in dispatches(ledger.handle(L.SimulatorReady("b"), 0))] == [2, 2]
+
+
+def test_a_poison_block_is_quarantined_and_the_rest_is_done() -> None:
+    ledger = Ledger(4, CHUNKS)
+    deaths = 0
+    for turn in range(40):
+        name = f"s{turn}"
+        ledger.handle(L.SimulatorReady(name), turn)
+        while ledger.hands.get(name):
+            block = ledger.hands[name][0]
+            if block == 1:
+                ledger.handle(L.SimulatorLost(name, "SIGSEGV"), turn)
+                deaths += 1
+            else:
+                answer(ledger, block, turn)
+                ledger.handle(L.Finished(name, block, ledger.blocks[block].attempt), turn)
+    assert [block.state for block in ledger.blocks] == [State.DONE, State.QUARANTINED, State.DONE, State.DONE]
+    assert deaths <= L.SUSPECT_DEATHS + L.POISON_DEATHS
+
+
+def test_a_suspect_block_runs_alone() -> None:
+    ledger = Ledger(3, CHUNKS)
+    for turn in range(L.SUSPECT_DEATHS):
+        ledger.handle(L.SimulatorReady(f"s{turn}"), 0)
+        ledger.handle(L.SimulatorLost(f"s{turn}", "died"), 0)
+    out = dispatches(ledger.handle(L.SimulatorReady("last"), 0))
+    assert [d.block for d in out] == [0]
+
+
+@pytest.mark.parametrize("role", ["recorder", "classifier"])
+def test_a_restarted_consumer_makes_every_unfinished_block_due_again_in_a_new_epoch(role: str) -> None:
+    ledger = Ledger(3, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    answer(ledger, 0)
+    ledger.handle(L.Receipted(1, 0, chunk_sum(1, 0), False), 0)
+    out = ledger.handle(L.ConsumerRestarted(role), 0)
+    assert L.NewEpoch(2) in out
+    assert ledger.blocks[0].state is State.DONE
+    assert [(d.block, d.attempt) for d in dispatches(out)] == [(1, 2), (2, 1)] or [
+        (d.block, d.attempt) for d in dispatches(out)
+    ] == [(1, 2), (2, 2)]
+    assert ledger.blocks[1].streams == {}
+    epoch_at = out.index(L.NewEpoch(2))
+    assert all(out.index(d) > epoch_at for d in dispatches(out))
+
+
+@pytest.mark.parametrize("verdicts", [False, True])
+def test_differing_checksums_quarantine_the_block(verdicts: bool) -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.Judged(0, 0, chunk_sum(0, 0), verdict_sum(0, 0)), 0)
+    ledger.handle(L.Receipted(0, 0, 77, verdicts), 0)
+    assert ledger.blocks[0].state is State.QUARANTINED
+    assert ledger.finished
+
+
+def test_an_answer_that_never_comes_makes_the_block_due_again() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.Finished("a", 0, 1), 1)
+    assert dispatches(ledger.handle(L.Tick(), 1 + L.STALE_S)) == []
+    assert [d.attempt for d in dispatches(ledger.handle(L.Tick(), 2 + L.STALE_S))] == [2]
+
+
+def test_a_block_that_only_waits_for_the_disk_is_not_computed_again_at_once() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    answer(ledger, 0)
+    assert ledger.finished
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.Finished("a", 0, 1), 1)
+    for chunk in range(CHUNKS):
+        ledger.handle(L.Receipted(0, chunk, chunk_sum(0, chunk), False), 1)
+        ledger.handle(L.Judged(0, chunk, chunk_sum(0, chunk), verdict_sum(0, chunk)), 1)
+        ledger.handle(L.Receipted(0, chunk, verdict_sum(0, chunk), True), 1)
+    assert dispatches(ledger.handle(L.Tick(), 2 + L.STALE_S)) == []
+    assert [d.attempt for d in dispatches(ledger.handle(L.Tick(), 2 + L.DISK_S))] == [2]
+
+
+def test_resume_takes_what_the_bag_showed() -> None:
+    records = [
+        {"event": "done", "block": 0},
+        {"event": "reopened", "block": 0, "why": "chunk 0: no bridge_force", "attempt": 4, "epoch": 7},
+        {"event": "done", "block": 1, "why": "found whole in the bag", "attempt": 2},
+    ]
+    again = Ledger.resume(2, CHUNKS, records)
+    assert again.epoch == 8
+    assert [block.state for block in again.blocks] == [State.DUE, State.DONE]
+    assert [(d.block, d.attempt) for d in dispatches(again.handle(L.SimulatorReady("b"), 0))] == [(0, 5)]
+
+
+def test_a_refused_block_is_given_to_another() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    out = ledger.handle(L.SimulatorReady("b"), 0)
+    assert dispatches(out) == []
+    ledger.handle(L.SimulatorLost("a", "rejects", blame=False), 0)
+    assert ledger.hands == {"b": [0]}
+
+
+def test_the_late_end_of_an_older_attempt_changes_nothing() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.ConsumerRestarted("recorder"), 0)
+    ledger.handle(L.Refused("a", 0, 1, "cancelled"), 0)
+    assert ledger.hands == {"a": [0]}
+    assert ledger.blocks[0].attempt == 2
+
+
+def test_resume_keeps_what_is_done_and_goes_on_with_the_next_attempt() -> None:
+    ledger = Ledger(3, CHUNKS)
+    records = [i.entry for i in ledger.handle(L.SimulatorReady("a"), 0) if isinstance(i, L.Record)]
+    records += [i.entry for i in answer(ledger, 0) if isinstance(i, L.Record)]
+    again = Ledger.resume(3, CHUNKS, records)
+    assert again.epoch == 2
+    assert again.blocks[0].state is State.DONE
+    out = dispatches(again.handle(L.SimulatorReady("b"), 0))
+    assert [(d.block, d.attempt) for d in out] == [(1, 2), (2, 1)]
+
+
+class Sweeping(RuleBasedStateMachine):
+    """Anything may happen in any order; the account always balances and resuming gives the same account."""
+
+    simulators = Bundle("simulators")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ledger = Ledger(6, CHUNKS)
+        self.records: list = []
+        self.now = 0.0
+        self.names = 0
+        self.seen: set[int] = set()
+
+    def follow(self, event: L.Event) -> None:
+        """Note which blocks the recorder of today has seen on the disk."""
+        if isinstance(event, L.ConsumerRestarted):
+            self.seen.clear()
+        if isinstance(event, L.OnDisk):
+            self.seen.add(event.block)
+
+    def do(self, event: L.Event) -> None:
+        before = [block.state for block in self.ledger.blocks]
+        self.follow(event)
+        out = self.ledger.handle(event, self.now)
+        for item in out:
+            if isinstance(item, L.Settled) and item.state is State.DONE:
+                assert item.block in self.seen, "done is only what has been seen on the disk since the last restart"
+        self.records += [item.entry for item in out if isinstance(item, L.Record)]
+        for old, block in zip(before, self.ledger.blocks, strict=False):
+            if old in (State.DONE, State.QUARANTINED):
+                assert block.state is old, "what is settled stays settled"
+
+    @rule(target=simulators)
+    def join(self) -> str:
+        self.names += 1
+        self.do(L.SimulatorReady(f"s{self.names}"))
+        return f"s{self.names}"
+
+    @rule(simulator=consumes(simulators), blame=st.booleans())
+    def lose(self, simulator: str, blame: bool) -> None:
+        self.do(L.SimulatorLost(simulator, "x", blame))
+
+    @rule(simulator=simulators, refused=st.booleans(), stale=st.booleans())
+    def end_goal(self, simulator: str, refused: bool, stale: bool) -> None:
+        for block in self.ledger.hands.get(simulator, [])[:1]:
+            attempt = self.ledger.blocks[block].attempt - stale
+            self.do(L.Refused(simulator, block, attempt, "x") if refused else L.Finished(simulator, block, attempt))
+
+    @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS), wrong=st.sampled_from([0, 0, 0, 0, 1]))
+    def receipt(self, block: int, chunk: int, wrong: int) -> None:
+        self.do(L.Receipted(block, chunk, chunk_sum(block, chunk) + wrong, False))
+        self.do(L.Receipted(block, chunk, verdict_sum(block, chunk), True))
+
+    @rule(block=st.integers(0, 7))
+    def see_on_disk(self, block: int) -> None:
+        self.do(L.OnDisk(block))
+
+    @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS))
+    def judge(self, block: int, chunk: int) -> None:
+        self.do(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk)))
+
+    @rule(role=st.sampled_from(["recorder", "classifier"]))
+    def restart(self, role: str) -> None:
+        self.do(L.ConsumerRestarted(role))
+
+    @rule(seconds=st.floats(0, 30))
+    def wait(self, seconds: float) -> None:
+        self.now += seconds
+        self.do(L.Tick())
+
+    @rule(blocks=st.integers(1, 3))
+    def grow(self, blocks: int) -> None:
+        if len(self.ledger.blocks) < 12:
+            self.do(L.Grown(len(self.ledger.blocks) + blocks))
+
+    @invariant()
+    def accounts_balance(self) -> None:
+        assert planned_is_accounted_for(self.ledger)
+        outstanding = self.ledger.count(State.DUE) + self.ledger.count(State.OUT)
+        assert self.ledger.finished == (outstanding == 0)
+
+    @invariant()
+    def no_block_is_in_two_hands_and_no_hand_is_overfull(self) -> None:
+        held = [block for hand in self.ledger.hands.values() for block in hand]
+        assert len(held) == len(set(held))
+        assert all(len(hand) <= L.IN_HAND for hand in self.ledger.hands.values())
+
+    @invariant()
+    def a_resumed_ledger_has_the_same_account(self) -> None:
+        again = Ledger.resume(len(self.ledger.blocks), CHUNKS, self.records)
+        for state in (State.DONE, State.QUARANTINED):
+            assert again.count(state) == self.ledger.count(state)
+        assert [b.deaths for b in again.blocks if b.state is State.DUE] == [
+            b.deaths for b in self.ledger.blocks if b.state in (State.DUE, State.OUT)
+        ]
+
+
+TestSweeping = Sweeping.TestCase
+TestSweeping.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+
+
+def test_a_plan_that_grows_has_more_blocks_due_and_they_are_handed_out_at_once() -> None:
+    ledger = Ledger(2, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    for block in (0, 1):
+        answer(ledger, block)
+        ledger.handle(L.Finished("a", block, 1), 0)
+    assert ledger.finished
+    out = ledger.handle(L.Grown(5), 0)
+    assert [d.block for d in dispatches(out)] == [2, 3]
+    assert not ledger.finished
+    assert (ledger.count(State.DONE), ledger.count(State.OUT), ledger.count(State.DUE)) == (2, 2, 1)
+    for block in (2, 3, 4):
+        answer(ledger, block)
+    assert ledger.finished
+
+
+def test_blocks_that_were_there_before_the_plan_grew_stay_as_they_are() -> None:
+    ledger = Ledger(3, CHUNKS)
+    answer(ledger, 1)
+    ledger.handle(L.Grown(4), 0)
+    assert [block.state for block in ledger.blocks] == [State.DUE, State.DONE, State.DUE, State.DUE]
+    assert [d.block for d in dispatches(ledger.handle(L.SimulatorReady("a"), 0))] == [0, 2]
+
+
+@given(st.permutations(list(range(5))), st.integers(1, 4))
+def test_every_block_is_done_once_in_any_order_of_answers(order: list[int], simulators: int) -> None:
+    ledger = Ledger(5, CHUNKS)
+    for number in range(simulators):
+        ledger.handle(L.SimulatorReady(f"s{number}"), 0)
+    settled = []
+    for block in order:
+        settled += [item for item in answer(ledger, block) if isinstance(item, L.Settled)]
+    assert ledger.finished
+    assert sorted(item.block for item in settled) == list(range(5))

@@ -1,0 +1,254 @@
+"""The recording: what is in the file, also after the process that wrote it was killed."""
+
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from example_maps import RUN, SLIP, basin_map, inspection, settings
+from read_rrd import entities, image, rows, verify
+
+from bow_sim.protocol import cdr
+from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, PENDING, Snapshot
+from bow_sweep.view.rerun_recording import Board
+
+
+def snapshot(computed: int | None = None, run: str = RUN) -> Snapshot:
+    return Snapshot.from_message(basin_map(computed=computed, run=run)).with_plan(settings(), "fig11d")
+
+
+def board(path: Path, **options) -> Board:
+    return Board(path, Snapshot.empty(RUN, "fedcba9876543210", settings()), **options)
+
+
+def show_waveform(shown: Board, cells: list[int], chunk: int) -> np.ndarray:
+    values = cdr.unseal("BridgeForce", inspection(cells, chunk))
+    data = values["data"].reshape(len(cells), -1)
+    shown.waveform(cells, values["first_sample"], data)
+    return data
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "dashboard.rrd"
+
+
+def test_the_map_is_in_the_file_value_for_value(path):
+    shown = board(path)
+    shown.map(snapshot(computed=12))
+    shown.map(snapshot(computed=20))
+    shown.finish()
+    assert verify(path) == ""
+    lengths = image(path, "map/transient", "DepthImage", "f4")[::-1]
+    assert lengths[0].tolist() == [5, 10, 15, 20, 25, 30, 35, 40]
+    assert (lengths[1] == 0).all()
+    assert np.isnan(lengths[3]).all()
+    mask = image(path, "map/mask", "SegmentationImage", "u1")[::-1]
+    assert (mask[1] == NEVER).all()
+    assert (mask[3] == NOT_COMPUTED).all()
+    assert (image(path, "regime/codes", "SegmentationImage", "u1")[::-1][1] == SLIP).all()
+    assert (image(path, "regime/codes", "SegmentationImage", "u1")[::-1][3] == PENDING).all()
+    assert (image(path, "tests/slips/values", "DepthImage", "u2")[::-1][1] == 10).all()
+    assert (image(path, "tests/corners/values", "DepthImage", "u2")[::-1][0] == 5).all()
+    assert image(path, "tests/correlation/values", "DepthImage", "f4")[::-1][0, 3] == np.float32(0.903)
+    assert (image(path, "tests/pending", "SegmentationImage", "u1")[::-1][:, 0] == [0, 0, 0, NOT_COMPUTED]).all()
+    grown = [np.isnan(image(path, "map/transient", "DepthImage", "f4", row)).sum() for row in range(3)]
+    assert grown == [32, 20, 12]
+
+
+def test_counts_and_progress_go_on_in_time(path):
+    shown = board(path)
+    shown.map(snapshot(computed=16))
+    shown.map(snapshot())
+    shown.finish()
+    assert [value for _, value in rows(path, "counts/helmholtz", "Scalars:scalars")] == [[8.0], [24.0]]
+    assert [value for _, value in rows(path, "counts/pending", "Scalars:scalars")] == [[32.0], [16.0], [0.0]]
+    assert [value for _, value in rows(path, "progress/cells_done", "Scalars:scalars")] == [[0.0], [16.0], [32.0]]
+    times = [when["sweep"] for when, _ in rows(path, "counts/pending", "Scalars:scalars")]
+    assert times == sorted(times)
+    assert 0 <= times[0] < 60e9
+
+
+def test_maps_stand_still_among_the_waveforms(path):
+    shown = board(path)
+    shown.map(snapshot())
+    show_waveform(shown, [3], 0)
+    shown.finish()
+    for entity, kind in (("map/transient", "DepthImage"), ("map/mask", "SegmentationImage")):
+        assert {when["sample"] for when, _ in rows(path, entity, f"{kind}:buffer")} == {0}
+
+
+def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
+    shown = board(path)
+    shown.map(snapshot())
+    sent = np.hstack([show_waveform(shown, [3, 17], chunk) for chunk in range(3)])
+    show_waveform(shown, [3, 17], 2)  # another attempt
+    shown.finish()
+    for cell, force in zip((3, 17), sent, strict=True):
+        found = rows(path, f"waveform/cell_{cell}", "Scalars:scalars")
+        values = {when["sample"]: value[0] for when, value in found if when}
+        assert len([1 for when, _ in found if when]) == 3 * 695
+        np.testing.assert_array_equal([values[sample] for sample in range(3 * 695)], force)
+        assert f"map/inspected/cell_{cell}/frame" in entities(path)
+
+
+def test_a_lost_chunk_is_a_gap_and_not_a_line(path):
+    shown = board(path)
+    shown.map(snapshot())
+    for chunk in (0, 2):
+        show_waveform(shown, [3], chunk)
+    shown.finish()
+    values = {when["sample"]: v[0] for when, v in rows(path, "waveform/cell_3", "Scalars:scalars") if when}
+    assert np.isnan(values[2 * 695 - 1])
+    assert len(values) == 2 * 695 + 1
+
+
+def test_axes_scales_and_meanings_are_drawn_once(path):
+    shown = board(path)
+    for _ in range(3):
+        shown.map(snapshot())
+    shown.finish()
+    for place in ("map", "tests/correlation", "tests/slips", "tests/corners", "regime"):
+        for part in ("axes/lines", "axes/labels", "axes/scale"):
+            assert f"{place}/{part}" in entities(path)
+    words = rows(path, "map/axes/labels", "Points2D:labels")
+    assert {"0.5", "20", "never", "pending", "transient (periods)"} <= set(words[-1][1])
+    assert len(words) == 2  # with the plan, and when the regimes became known
+    assert words[0][0] == {}
+    meanings = rows(path, "regime", "AnnotationContext:context")[-1][1][0]
+    labels = {entry["class_id"]: entry["class_description"]["info"]["label"] for entry in meanings}
+    assert labels[1] == "Helmholtz"
+    assert labels[PENDING] == "pending"
+
+
+def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
+    script = f"""
+        import os, sys
+        sys.path[:0] = {sys.path!r}
+        from test_board import board, show_waveform, snapshot
+        from pathlib import Path
+        shown = board(Path({str(path)!r}))
+        shown.map(snapshot(computed=12))
+        show_waveform(shown, [3], 0)
+        shown.account("before")
+        shown.flush()
+        os.kill(os.getpid(), {int(signal.SIGKILL)})
+    """
+    killed = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, check=False
+    )
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert "footer" in verify(path)
+    assert np.isnan(image(path, "map/transient", "DepthImage", "f4")).sum() == 20
+    before = rows(path, "counts/pending", "Scalars:scalars")
+
+    shown = board(path)
+    assert shown.scope.cells == [3]
+    shown.map(snapshot())
+    show_waveform(shown, [3], 1)
+    shown.account("after")
+    shown.finish()
+    assert verify(path) == ""
+    after = rows(path, "counts/pending", "Scalars:scalars")
+    assert after[: len(before)] == before
+    assert [value for _, value in after] == [[32.0], [20.0], [32.0], [0.0]]
+    assert after[-1][0]["sweep"] > before[-1][0]["sweep"]  # one clock
+    assert [value for _, value in rows(path, "account", "TextDocument:text")] == [["before"], ["after"]]
+    force = [value[0] for when, value in rows(path, "waveform/cell_3", "Scalars:scalars") if when]
+    assert len(force) == 2 * 695
+    assert np.isfinite(force).all()
+    assert [p.name for p in path.parent.iterdir()] == ["dashboard.rrd"]
+
+
+def test_another_runs_recording_is_put_aside(path):
+    other = "f" * 16
+    first = Board(path, Snapshot.empty(other, "s", settings()))
+    first.finish()
+    content = path.read_bytes()
+    shown = board(path)
+    shown.finish()
+    assert (path.parent / "dashboard-1.rrd").read_bytes() == content
+    assert len(rows(path, "counts/pending", "Scalars:scalars")) == 1
+
+
+@pytest.mark.parametrize("damage", ["cut", "rubbish"])
+def test_a_damaged_recording_is_kept_and_complained_about(path, damage):
+    shown = board(path)
+    shown.map(snapshot(computed=12))
+    shown.finish()
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2] if damage == "cut" else b"no recording")
+    complaints: list[str] = []
+    shown = board(path, warn=complaints.append)
+    shown.map(snapshot())
+    shown.finish()
+    assert verify(path) == ""
+    assert not np.isnan(image(path, "map/transient", "DepthImage", "f4")).any()
+    if damage == "rubbish":
+        assert "dashboard-1.rrd" in complaints[0]
+        assert (path.parent / "dashboard-1.rrd").read_bytes() == b"no recording"
+
+
+def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhile(path, tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    shown = board(path, port=port)
+    assert shown.uri == f"rerun+http://127.0.0.1:{port}/proxy"
+    shown.map(snapshot(computed=12))
+    shown.map(snapshot())
+    shown.account("the end")
+    shown.finish()
+    assert verify(path) == ""
+    got = tmp_path / "got.rrd"
+    viewer = subprocess.Popen(
+        [sys.executable, "-m", "rerun", "--connect", shown.uri, "--save", str(got)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        deadline = 20.0
+        while deadline > 0 and not (got.exists() and _holds(got, "account")):
+            try:
+                viewer.wait(0.5)
+            except subprocess.TimeoutExpired:
+                deadline -= 0.5
+    finally:
+        viewer.terminate()
+        viewer.wait()
+        shown.close()
+    assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
+    assert len(rows(got, "map/transient", "DepthImage:buffer")) == 3
+    assert verify(path) == ""
+
+
+def _holds(path: Path, entity: str) -> bool:
+    try:
+        return entity in entities(path)
+    except Exception:
+        return False
+
+
+def test_the_server_listens_on_this_machine_only(path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    shown = board(path, port=port)
+    try:
+        listening = subprocess.run(["ss", "-tlnH"], capture_output=True, text=True, check=False).stdout
+        if not listening:
+            pytest.skip("needs `ss` of Debian's iproute2")
+        addresses = [line.split()[3] for line in listening.splitlines() if line.split()[3].endswith(f":{port}")]
+        assert addresses == [f"127.0.0.1:{port}"]
+    finally:
+        shown.close()
+
+
+def test_a_directory_that_cannot_be_written_is_an_error(tmp_path):
+    with pytest.raises((OSError, RuntimeError), match="nowhere"):
+        board(tmp_path / "nowhere" / "dashboard.rrd")
+    assert list(tmp_path.iterdir()) == []

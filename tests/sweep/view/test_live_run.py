@@ -1,0 +1,196 @@
+"""What of a run is drawn when, and what its accounts say."""
+
+import time
+
+import numpy as np
+import pytest
+from example_maps import RUN, basin_map, inspection, plan, settings
+from read_rrd import image, rows, verify
+
+from bow_sim.protocol import cdr
+from bow_sweep.maps.plane import Snapshot
+from bow_sweep.view.live_run import FIRST_MAP_S, LAST_MAP_S, SPARSE_S, Show
+from bow_sweep.view.status_page import Node, is_complete, page, settled
+
+OPEN, CLOSED = 1, 2
+
+
+class Clock:
+    """Time that passes when told to."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def show(tmp_path, clock):
+    shown = Show(tmp_path / "run", plan(), clock=clock)
+    yield shown
+    shown.close()
+
+
+def node(name: str = "simulator_1", state: int = 2, heard: float = 100.0) -> Node:
+    return Node(f"/bow/{name}", "simulator", state, "block 3", 12, 34_000_000, 1, 90_000_000, heard)
+
+
+def test_a_sweep_is_over_when_the_plan_is_closed_and_the_map_is_whole(show, clock):
+    show.map(basin_map(computed=16))
+    clock.now += 1
+    assert not show.tick([])
+    show.plan(plan(CLOSED, done=4))
+    assert not show.tick([])  # the last map is still under way
+    show.map(basin_map())
+    assert show.tick([])
+    show.finish([])
+    assert verify(show.board.path) == ""
+    assert rows(show.board.path, "progress/cells_done", "Scalars:scalars")[-1][1] == [32.0]
+
+
+def test_a_finished_map_has_its_terrain_and_its_playability(show):
+    show.map(basin_map())
+    show.finish([])
+    assert set(np.unique(image(show.board.path, "terrain/codes", "SegmentationImage", "u1"))) <= {0, 1, 2, 3, 4}
+    text = rows(show.board.path, "playability", "TextDocument:text")[-1][1][0]
+    assert text.startswith("## Playability\nOf 32 cells")
+    assert "largest contiguous area" in text
+
+
+@pytest.mark.parametrize(("maps", "patience"), [(0, FIRST_MAP_S), (1, LAST_MAP_S)])
+def test_a_last_map_that_never_comes_is_not_waited_for_long(show, clock, maps, patience):
+    for _ in range(maps):
+        show.map(basin_map(computed=16))
+    show.plan(plan(CLOSED, done=4))
+    clock.now += patience - 0.01
+    assert not show.tick([])
+    clock.now += 0.02
+    assert show.tick([])
+
+
+def test_a_sweep_that_is_given_up_does_not_wait_for_what_was_not_computed(show):
+    show.map(basin_map(computed=16))
+    show.plan(plan(CLOSED, done=2))
+    assert show.tick([])
+
+
+def test_what_came_last_is_drawn_at_the_end_however_fast_it_came(show):
+    for computed in range(4, 33):
+        show.map(basin_map(computed=computed))
+    show.plan(plan(CLOSED, done=4))
+    show.finish([])
+    assert show.drawn < 29
+    assert not np.isnan(image(show.board.path, "map/transient", "DepthImage", "f4")).any()
+
+
+def test_a_long_sweep_gets_a_map_every_few_seconds_only(show, clock):
+    clock.now += 3600
+    before = show.drawn
+    for tenth in range(600):  # one minute
+        clock.now += 0.1
+        show.map(basin_map(computed=tenth % 30))
+        show.tick([])
+    assert 60 / SPARSE_S - 1 <= show.drawn - before <= 60 / SPARSE_S + 1
+
+
+def test_messages_of_another_run_are_ignored_and_counted(show):
+    show.map(basin_map(run="f" * 16))
+    show.map({**basin_map(), "sweep_id": "other"})
+    show.map({**basin_map(), "slips": np.zeros(3, np.uint16)})
+    show.inspect(cdr.unseal("BridgeForce", inspection([3], 0, run="f" * 16)))
+    show.inspect(cdr.unseal("BridgeForce", inspection([99], 0)))
+    show.plan(plan(CLOSED, epoch=0))
+    assert show.ignored == 6
+    assert not show.tick([])
+    assert show.board.scope.cells == []
+
+
+def test_inspected_cells_are_shown(show):
+    show.inspect(cdr.unseal("BridgeForce", inspection([3, 17], 0)))
+    assert show.board.scope.cells == [3, 17]
+    assert show.ignored == 0
+
+
+def test_accounts_are_written_once_a_second(show, clock):
+    for _ in range(50):
+        clock.now += 0.1
+        show.tick([node()])
+    show.finish([node()])
+    texts = [value[0] for _, value in rows(show.board.path, "account", "TextDocument:text")]
+    assert 5 <= len(texts) <= 7
+    assert "in progress" in texts[0]
+    assert "interrupted" in texts[-1]
+
+
+def test_a_map_costs_a_sweep_next_to_nothing(tmp_path):
+    """The budget is 0.3 s of CPU for the fifteen maps of a sweep; busy neighbours may double what is measured."""
+    shown = Show(tmp_path, plan(nx=128, ny=64))
+    maps = [basin_map(128, 64, computed=n * 8192 // 15) for n in range(1, 16)]
+    shown.map(maps[0])  # draws the axes
+    began = time.process_time()
+    for values in maps:
+        shown._rest_until = 0.0
+        shown.map(values)
+    shown.finish([])
+    assert shown.drawn == 17
+    assert time.process_time() - began < 0.6
+
+
+def test_the_plan_knows_better_than_the_map_what_is_done():
+    snapshot = Snapshot.from_message(basin_map(computed=20)).with_plan(settings())
+    assert (snapshot.done, snapshot.outstanding) == (16, 16)
+    newer = settled(snapshot, [1, 2, 1, 0])
+    assert (newer.done, newer.quarantined, newer.outstanding) == (16, 8, 8)
+    assert newer.planned == 32
+
+
+def test_blocks_that_do_not_divide_the_map_are_counted_right():
+    snapshot = Snapshot.from_message(basin_map()).with_plan(settings(block_cells=10))
+    assert settled(snapshot, [1, 1, 1, 0]).outstanding == 2
+    assert settled(snapshot, [0, 0, 0, 1]).done == 2
+
+
+def test_what_an_adaptive_sweep_has_not_planned_is_not_outstanding():
+    snapshot = Snapshot.from_message(basin_map()).with_plan(settings())
+    rounds = np.zeros(32, np.uint8)
+    rounds[:12], rounds[20:25] = 1, 2  # blocks of 8, 4 and 5
+    grown = settled(snapshot, [1, 2, 0], rounds)
+    assert (grown.done, grown.quarantined, grown.outstanding) == (8, 4, 5)
+    assert settled(snapshot, [1, 2, 0, 0], rounds) == snapshot  # a plan that contradicts itself
+
+
+def test_a_map_is_complete_when_it_holds_every_test_of_what_is_done():
+    assert is_complete(settled(Snapshot.from_message(basin_map()).with_plan(settings()), [1, 1, 1, 1]))
+    assert not is_complete(settled(Snapshot.from_message(basin_map(computed=20)).with_plan(settings()), [1, 1, 1, 0]))
+
+
+def test_the_page_tells_the_whole_story():
+    snapshot = settled(Snapshot.from_message(basin_map(computed=20)).with_plan(settings(), "fig11d"), [1, 1, 2, 0])
+    nodes = [node(), node("simulator_2", heard=90.0), node("classifier", state=4)]
+    text = page(snapshot, nodes, 100.0, "in progress", 12.3)
+    assert "| 32 | 16 | 8 | 8 | 12 |" in text
+    assert "| Helmholtz | 12 | 37.5% |" in text
+    assert "Helmholtz motion came in 12 of 20 cells, after 32.5 periods in the median." in text
+    assert "| simulator_1 | busy | block 3 | 12 | 34.0 | 1 | 90 |" in text
+    assert "| simulator_2 | **silent for 10 s** |" in text
+    assert "| classifier | **dead** |" in text
+    assert "preset fig11d" in text
+    assert RUN in text
+    assert "v_mid=0.2" in text
+
+
+def test_a_page_of_nothing_is_a_page():
+    text = page(Snapshot.empty(RUN, "s", settings()), [], 0.0, "in progress", 0.0)
+    assert "No node has been heard of." in text
+
+
+def test_what_a_node_says_of_itself_cannot_break_the_table():
+    rude = Node("/bow/x", "simulator", 9, "a | b\nc", 0, 0, 0, 0, 100.0)
+    text = page(Snapshot.empty(RUN, "s", settings()), [rude], 100.0, "in progress", 0.0)
+    assert "| x | **9** | a / b c |" in text

@@ -1,0 +1,115 @@
+"""The recording in the real viewer, without a window: no view complains, and what it paints is what was logged."""
+
+from __future__ import annotations
+
+import ctypes
+import io
+import socket
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from example_maps import basin_map, inspection, plan
+from PIL import Image
+
+from bow_sim.protocol import cdr
+from bow_sweep.view.colours import GREY, transient_colours
+from bow_sweep.view.live_run import Show
+
+NEEDED = "needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1"
+SETTLE_S = 2.0
+
+
+def _has_vulkan() -> bool:
+    drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json"), *Path("/etc/vulkan/icd.d").glob("*.json")]
+    try:
+        ctypes.CDLL("libvulkan.so.1")
+    except OSError:
+        return False
+    return bool(drivers)
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory) -> Path:
+    """A finished recording of a small map, some of it pending, with two inspected cells."""
+    show = Show(tmp_path_factory.mktemp("run"), plan(nx=16, ny=8), warn=pytest.fail)
+    for computed in (32, 64, 112):
+        show._rest_until = 0.0
+        show.map(basin_map(16, 8, computed))
+        time.sleep(0.05)
+    for chunk in range(20):
+        show.inspect(cdr.unseal("BridgeForce", inspection([35, 70], chunk)))
+    show.finish([])
+    return show.board.path
+
+
+@pytest.fixture(scope="module")
+def viewer(shown):
+    if not _has_vulkan():
+        pytest.skip(NEEDED)
+    from rerun.experimental import ViewerClient
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    program = str(Path(sys.executable).with_name("rerun"))
+    client = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True, executable_path=program)
+    try:
+        client.open(str(shown))
+        time.sleep(SETTLE_S)
+        yield client
+    finally:
+        client.quit()
+
+
+def picture(viewer, view: str) -> np.ndarray:
+    """What a view paints, (height, width, 3)."""
+    identity = next(entry.view_id for entry in viewer.get_state().views if entry.origin == f"/{view}")
+    with Image.open(io.BytesIO(viewer.take_screenshot(identity))) as screenshot:
+        return np.asarray(screenshot.convert("RGB")).astype(int)
+
+
+def share_of(picture: np.ndarray, colour, slack: int = 6) -> float:
+    """The share of a picture that has a colour, within `slack` in each channel."""
+    return float((abs(picture - np.array(colour)).max(axis=-1) <= slack).mean())
+
+
+@pytest.mark.full
+def test_every_view_is_there_and_none_complains(viewer):
+    state = viewer.get_state()
+    origins = {view.origin for view in state.views}
+    assert {"/map", "/tests/correlation", "/tests/slips", "/tests/corners", "/regime"} <= origins
+    assert {"/counts", "/account", "/scope", "/waveform/cell_35", "/waveform/cell_70"} <= origins
+    assert {view.name: view.reports for view in state.views if view.reports} == {}
+    assert state.recordings[0].current_timeline == "sweep"
+    assert {timeline.name for timeline in state.recordings[0].timelines} == {"log_time", "sweep", "sample"}
+
+
+@pytest.mark.full
+def test_the_map_is_painted_the_right_way_up_in_its_colours(viewer):
+    painted = picture(viewer, "map")
+    where = {
+        name: np.argwhere(abs(painted - np.array(colour)).max(axis=-1) <= 6)
+        for name, colour in {"never": (0, 0, 0), "pending": GREY, "fifty": transient_colours(50, 100)}.items()
+    }
+    width = painted.shape[1]
+    middle = {name: places[places[:, 1] < 0.75 * width][:, 0].mean() for name, places in where.items()}  # not the scale
+    assert middle["pending"] < middle["fifty"] < middle["never"]  # rows count downwards: pending is the highest y
+    assert share_of(painted, GREY) > 0.03
+    lowest = painted[int(middle["never"]) :, :]
+    assert share_of(lowest, transient_colours(5, 100)) > 0  # the first cell, at the bottom left
+
+
+@pytest.mark.full
+def test_maps_stay_while_waveforms_are_scrubbed(viewer):
+    before = picture(viewer, "map")
+    viewer.set_time("sample", sequence=5000)
+    time.sleep(SETTLE_S)
+    state = viewer.get_state()
+    assert state.recordings[0].current_timeline == "sample"
+    assert {view.name: view.reports for view in state.views if view.reports} == {}
+    again = picture(viewer, "map")
+    for colour in (GREY, transient_colours(50, 100)):
+        assert share_of(again, colour) == pytest.approx(share_of(before, colour), abs=0.01)
