@@ -29,7 +29,7 @@ def standing_graph(namespace: str, folder: Path, simulators: int) -> Iterator[di
                 words += ["-p", f"runs_dir:={folder / 'runs'}"]
             with open(folder / f"{name}.log", "wb") as output:
                 processes[name] = subprocess.Popen(
-                    [sys.executable, "-m", "bow_sweep.cli", role, *words],
+                    [sys.executable, "-m", "bow_sweep", role, *words],
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,

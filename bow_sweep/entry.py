@@ -12,25 +12,19 @@ import signal
 import sys
 from functools import partial
 
+from bow_sweep.processes.roles import MODULES
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-MODULES = {
-    "coordinator": "bow_sweep.coordinator.node",
-    "simulator": "bow_sim.node",
-    "classifier": "bow_classifier.node",
-    "recorder": "bow_sweep.record.node",
-    "dashboard": "bow_sweep.view.node",
-}
-"""Role -> module with the node's main()."""
-
-BEGIN = "bow_sweep.start"
-"""Module whose command() is the rest."""
+MAIN = "bow_sweep.cli.main"
+"""Module whose main() is the command."""
 
 INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
 
 
 def command() -> int:
-    """Entry point of the command `bow`; a node that is told to stop before it lives ends as it does later."""
+    """Entry point of the command `bow`; a node that is told to stop while it starts ends as it does later."""
     is_node = sys.argv[1:2] and sys.argv[1] in MODULES
     status, last_word = (0, b"") if is_node else (INTERRUPTED, b"bow: interrupted\n")
 
@@ -42,11 +36,15 @@ def command() -> int:
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:
             signal.signal(number, end)
-    run = importlib.import_module(BEGIN).command
-    if not is_node:  # its own handlers take over from these
+    environment = importlib.import_module("bow_sim.graph.environment")
+    environment.prepare()  # before anything is imported that depends on it
+    main = importlib.import_module(MAIN).main
+    if not is_node:  # a node's own handlers take over from these
         for number, handler in before.items():
             signal.signal(number, handler)
-    result: int = run()
+    result: int = main()
+    gc = importlib.import_module("gc")
+    gc.freeze()  # the process ends: a last collection of garbage would take a fifth of a second
     return result
 
 
@@ -56,6 +54,3 @@ def _node(role: str) -> int:
 
 
 coordinator, simulator, classifier, recorder, dashboard = (partial(_node, role) for role in MODULES)
-
-if __name__ == "__main__":
-    sys.exit(command())

@@ -1,14 +1,16 @@
 """The rooms of the house: what is pure stays pure, imports point one way, files fit in a head."""
 
 import ast
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+from rooms import ARROWS, PACKAGES, ROOT, modules, room_of
 
-ROOT = Path(__file__).resolve().parent.parent
-ROOMS = ("bow_sim", "bow_classifier", "bow_sweep")
 FRAMEWORKS = {"rclpy", "mcap", "rerun", "bow_msgs"}
 
 IMPURE = {
@@ -43,15 +45,6 @@ IMPURE = {
 """Modules that may know a framework, and which; every other module is pure, through whatever it imports."""
 
 
-def modules() -> list[str]:
-    names = []
-    for room in ROOMS:
-        for path in sorted((ROOT / room).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            names.append(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
-    return names
-
-
 @pytest.fixture(scope="module")
 def loaded() -> dict[str, set[str]]:
     """Which frameworks each module brings into a fresh interpreter."""
@@ -82,17 +75,57 @@ def test_a_module_knows_no_more_frameworks_than_it_needs(name: str, loaded: dict
     assert loaded[name] <= IMPURE.get(name, set())
 
 
-@pytest.mark.parametrize("name", modules())
-def test_imports_point_from_the_string_to_the_map(name: str) -> None:
-    room = name.partition(".")[0]
-    downstream = ROOMS[ROOMS.index(room) + 1 :]
-    path = ROOT / (name.replace(".", "/") + ".py")
-    tree = ast.parse((path if path.exists() else ROOT / name.replace(".", "/") / "__init__.py").read_text())
-    for node in ast.walk(tree):
-        targets = [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else []
-        targets += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        for target in targets:
-            assert target.partition(".")[0] not in downstream, f"{name} imports {target}"
+def imports(path: Path) -> Iterator[str]:
+    """Yield the modules of ours that a file imports, wherever in it; a relative import fails."""
+    known = modules()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{path}, line {node.lineno}: imports are absolute"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in known else str(node.module)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def arrows() -> dict[str, dict[str, str]]:
+    """Return room -> {room that it imports: one module that does}."""
+    found: dict[str, dict[str, str]] = {room: {} for room in ARROWS}
+    for name, path in modules().items():
+        for target in imports(path):
+            if target.partition(".")[0] in PACKAGES and room_of(target) != room_of(name):
+                found[room_of(name)][room_of(target)] = name
+    return found
+
+
+BY_NAME = {"bow_sweep": {"bow_sim.graph", "bow_sweep.cli"}}
+"""Rooms that are imported by their name as text, see bow_sweep/entry.py."""
+
+
+def test_rooms_import_what_the_table_says_and_nothing_else() -> None:
+    for room, targets in arrows().items():
+        wrong = {by: target for target, by in targets.items() if target not in ARROWS[room]}
+        assert not wrong, f"{room} must not import them (tests/support/rooms.py)"
+        unused = ARROWS[room] - set(targets) - BY_NAME.get(room, set())
+        assert not unused, f"{room} does not import them any more: take them out of tests/support/rooms.py"
+
+
+def test_no_room_imports_itself_by_a_way_round() -> None:
+    tuple(TopologicalSorter(ARROWS).static_order())  # raises CycleError, which names the rooms
+
+
+def test_no_module_imports_itself_by_a_way_round() -> None:
+    graph = {name: {t for t in imports(path) if t in modules() and t != name} for name, path in modules().items()}
+    tuple(TopologicalSorter(graph).static_order())
+
+
+@pytest.mark.parametrize("room", sorted(set(ARROWS) - {"bow_sim.atomic_files"}))
+def test_a_room_says_what_is_in_it(room: str) -> None:
+    folder = ROOT / room.replace(".", "/")
+    said = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
+    for path in folder.iterdir():
+        if path.suffix == ".py" and not path.stem.startswith("__"):
+            assert re.search(rf"^{path.stem}\b", said, re.MULTILINE), f"{room}/__init__.py does not list {path.stem}"
 
 
 def test_files_fit_in_a_head() -> None:

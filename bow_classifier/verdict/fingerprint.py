@@ -13,31 +13,24 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-import bow_classifier
-import bow_sim
+from bow_sim import simd
 
-SOURCES = tuple(
-    Path(package.__path__[0], f"{name}.py")
-    for package, names in (
-        (
-            bow_classifier,
-            (
-                "chunk_pass",
-                "block_classifier",
-                "features/corners",
-                "features/long_periods",
-                "features/periodicity",
-                "features/ripples",
-                "features/slips",
-                "verdict/confidence",
-                "verdict/decision",
-                "verdict/regimes",
-                "verdict/thresholds",
-            ),
-        ),
-        (bow_sim, ("simd/columns", "simd/jit", "simd/lanes", "simd/rows")),
-    )
-    for name in names
+HERE = (
+    "chunk_pass",
+    "block_classifier",
+    "features/corners",
+    "features/long_periods",
+    "features/periodicity",
+    "features/ripples",
+    "features/slips",
+    "verdict/confidence",
+    "verdict/decision",
+    "verdict/regimes",
+    "verdict/thresholds",
+)
+SOURCES = (
+    *(Path(__file__).parents[1] / f"{name}.py" for name in HERE),
+    *(Path(simd.__path__[0]) / f"{name}.py" for name in ("columns", "jit", "lanes", "rows")),
 )
 """Files that decide a verdict."""
 

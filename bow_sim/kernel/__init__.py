@@ -1,0 +1,7 @@
+"""The time loop: parameters of a block of cells in, bridge force and stick/slip out.
+
+block        blocks of cells, computed five periods at a time
+time_loop    the compiled loop over samples
+fingerprint  which kernel this is: sources, compilers, processor
+precompile   compiles and caches the kernels
+"""

@@ -53,7 +53,7 @@ def _field_help(name: str) -> str:
 
 
 def _transient(args: argparse.Namespace) -> int:
-    from bow_sweep.cli.transient import describe, draw, save_npz, save_wav
+    from bow_sim.figures.transient import describe, draw, save_npz, save_wav
 
     names = ("model", "v_mid", "f_asym", "f_init_ratio", "periods")
     short = [f"{name}={getattr(args, name)}" for name in names if getattr(args, name) is not None]

@@ -8,8 +8,8 @@ import numpy as np
 
 from bow_sim.figures.motion import BOX, CYCLES, OTHER_FORCE, Motion, motion, parting, slips, steady
 from bow_sim.kernel.block import Block
+from bow_sim.physics.motion import regular_from
 from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
-from bow_sweep.cli.transient import regular_from
 from bow_sweep.maps.in_process import judgements
 from bow_sweep.paper.claim import Claims, Found, Maps
 

@@ -18,10 +18,9 @@ from pathlib import Path
 import setproctitle
 
 from bow_sim.graph.shm_notes import SUPERVISED, work_off
-from bow_sweep.entry import MODULES
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Started
+from bow_sweep.processes.roles import CHILD, MODULES
 from bow_sweep.processes.shm_cleaner import Janitor
-from bow_sweep.start import CHILD
 
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
 """Sources first, so that the recorder still hears what was under way."""

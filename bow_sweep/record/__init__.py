@@ -1,6 +1,24 @@
 """The record of a run: a bag of everything on its graph, written once, checked, repaired, replayed.
 
-From the bytes up: `mcapfile` writes one MCAP file and `scan` reads it; `bag` and `metadata` make a rosbag2 directory
-of such files; `expected` and `inventory` say what of a run belongs there and what is answered; `session` puts these
-together and `recorder` is the node around it. `recover` repairs, `survey` and `verify` account, `replay` judges again.
+topics          what is recorded
+mcap_records    records of an MCAP file taken apart
+mcap_reader     one pass over an MCAP file that checks everything in it
+mcap_writer     one MCAP file, written a chunk at a time
+schema          interface definitions as a bag wants them
+metadata        metadata.yaml, as rosbag2 writes it
+notes           what our files say of themselves
+bag             a bag: a directory of MCAP files
+disk            syncs committed data to disk in a thread
+aside           where damaged parts of a bag are kept
+inspection      what is to be done with each file of a bag
+recover         repairs bags
+expected        what the messages of one run have to look like
+deduplication   what a bag holds, by identity
+session         one run being recorded: bytes in, receipts out
+node            the recorder node
+bag_contents    what is in a bag, read byte by byte
+index_contents  what is in a bag by its index
+replay          judges a bag again
+verify_files    map, report and ledger against the bag
+verify          accounts for a run
 """

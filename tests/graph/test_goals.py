@@ -72,7 +72,7 @@ def nodes(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
     defaults = ["--ros-args", "--params-file", str(ROOT / "config" / "nodes.yaml")]
     places = {role: ["-p", f"runs_dir:={runs}"] for role in ("coordinator", "recorder", "dashboard")}
     processes = [
-        subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role, *defaults, *places.get(role, [])])
+        subprocess.Popen([sys.executable, "-m", "bow_sweep", role, *defaults, *places.get(role, [])])
         for role in ("coordinator", "recorder", "dashboard", "classifier", "simulator")
     ]
     yield runs
@@ -250,7 +250,7 @@ def test_the_parameter_file_names_what_the_nodes_declare() -> None:
 
 
 def test_a_simulator_alone_is_not_ready(client: Client) -> None:
-    process = subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", "simulator"])
+    process = subprocess.Popen([sys.executable, "-m", "bow_sweep", "simulator"])
     states: list = []
     client.node.create_subscription(Health, "health", lambda m: states.append((m.role, m.state)), 10)
     deadline = time.monotonic() + 30

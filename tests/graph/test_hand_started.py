@@ -40,7 +40,7 @@ class ByHand:
     """A simulator that somebody started in a terminal."""
 
     def __init__(self, name: str) -> None:
-        words = [sys.executable, "-m", "bow_sweep.cli", "simulator", "--ros-args", "-r", f"__node:={name}"]
+        words = [sys.executable, "-m", "bow_sweep", "simulator", "--ros-args", "-r", f"__node:={name}"]
         self.process = subprocess.Popen(words)
         self.note = SHARED_MEMORY / shm_notes._name(self.process.pid)
         until(self.note.exists, "it writes a note")

@@ -14,9 +14,9 @@ from bow_sweep.record.verify import verify
 
 NODE = """
 import os, signal, sys, time
-from bow_sim import ros
+from bow_sim.graph import node_base
 
-class Node(ros.BowNode):
+class Node(node_base.BowNode):
     def __init__(self):
         super().__init__("nobody")
         self.create_timer(0.1, lambda: print("lives", flush=True))
@@ -25,7 +25,7 @@ class Node(ros.BowNode):
         time.sleep(float(sys.argv[1]))
         super().destroy_node()
 
-ros.LEAVE_S = 1
+node_base.LEAVE_S = 1
 """
 
 TELL_AGAIN = """
@@ -37,7 +37,7 @@ sys.setprofile(tell_again)
 """
 """Where a signal sets a threading.Event, another comes while that has its lock."""
 
-LIVE = 'sys.exit(ros.live(Node, ["nobody"]))'
+LIVE = 'sys.exit(node_base.live(Node, ["nobody"]))'
 
 
 def start(*parts: str, hangs_s: float = 0.0) -> subprocess.Popen[bytes]:
@@ -67,11 +67,12 @@ def test_a_node_that_dds_does_not_let_go_is_ended(ros_domain: int) -> None:
 
 SWEEP = """
 import sys, time
-from bow_sweep import cli, watch
+from bow_sweep.cli import main
+from bow_sweep.processes import supervisor_node
 
-watch.LEAVE_S = 1
-watch.SupervisorNode.destroy_node = lambda self: time.sleep(60)
-sys.exit(cli.main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "20", "--out", sys.argv[1]]))
+supervisor_node.LEAVE_S = 1
+supervisor_node.SupervisorNode.destroy_node = lambda self: time.sleep(60)
+sys.exit(main.main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "20", "--out", sys.argv[1]]))
 """
 
 

@@ -158,7 +158,7 @@ def listening(two: Machines) -> list[tuple[str, int, int]]:
 
 
 def test_a_machine_that_is_not_known_is_refused_before_anything_is_made(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "bow_sweep.cli", "sweep", *SMALL, "--out", str(tmp_path / "run")]
+    words = [sys.executable, "-m", "bow_sweep", "sweep", *SMALL, "--out", str(tmp_path / "run")]
     for wrong in ("no.such.machine.invalid", "10.0.0.1;rm", "10.0.0.1,,10.0.0.2"):
         asked = [*words, "--network", wrong]
         result = subprocess.run(asked, capture_output=True, text=True, timeout=PATIENCE_S, check=False)

@@ -116,8 +116,7 @@ def test_nodes_by_hand_are_reached_by_this_machine_alone(tmp_path: Path) -> None
     port = ["-p", f"port:={free_port()}"]
     more = {"coordinator": places, "recorder": places, "dashboard": places + port}
     nodes = [
-        subprocess.Popen([sys.executable, "-m", "bow_sweep.cli", role, "--ros-args", *more.get(role, [])])
-        for role in ROLES
+        subprocess.Popen([sys.executable, "-m", "bow_sweep", role, "--ros-args", *more.get(role, [])]) for role in ROLES
     ]
     try:
         deadline = time.monotonic() + PATIENCE_S
@@ -135,7 +134,7 @@ def test_nodes_by_hand_are_reached_by_this_machine_alone(tmp_path: Path) -> None
 
 
 def test_a_replay_through_the_graph_is_heard_by_this_machine_alone(undisturbed: Path) -> None:
-    words = [sys.executable, "-m", "bow_sweep.cli", "replay", "--graph", str(undisturbed)]
+    words = [sys.executable, "-m", "bow_sweep", "replay", "--graph", str(undisturbed)]
     replay = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     with sockets_seen(lambda: replay.pid) as seen:
         assert replay.wait(PATIENCE_S) == 0

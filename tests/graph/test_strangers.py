@@ -57,7 +57,7 @@ class Desk:
         label = name or role
         while label in self.processes:
             label += "+"
-        command = [sys.executable, "-m", "bow_sweep.cli", role, "--ros-args", *words, *self.arguments, *arguments]
+        command = [sys.executable, "-m", "bow_sweep", role, "--ros-args", *words, *self.arguments, *arguments]
         with open(self.folder / f"{label}.log", "wb") as output:
             process = subprocess.Popen(command, stdout=output, stderr=output)
         self.processes[label] = process

@@ -32,9 +32,7 @@ TINY = ["fig11d", "--nx", "2", "--ny", "2", "--periods", "20"]
 class Sweep:
     """`bow sweep` as a process, with its output in a file."""
 
-    def __init__(
-        self, directory: Path, *arguments: str, module: str = "bow_sweep.cli", outer: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, directory: Path, *arguments: str, module: str = "bow_sweep", outer: Sequence[str] = ()) -> None:
         self.directory = directory
         self.output = directory.with_suffix(".out")
         with open(self.output, "ab") as output:
@@ -105,7 +103,7 @@ class Sweep:
 
 def bow(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
-    command = [sys.executable, "-m", "bow_sweep.cli", *arguments]
+    command = [sys.executable, "-m", "bow_sweep", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
@@ -150,9 +148,7 @@ def dead_files() -> set[str]:
 
 
 @contextlib.contextmanager
-def sweeping(
-    directory: Path, *arguments: str, module: str = "bow_sweep.cli", outer: Sequence[str] = ()
-) -> Iterator[Sweep]:
+def sweeping(directory: Path, *arguments: str, module: str = "bow_sweep", outer: Sequence[str] = ()) -> Iterator[Sweep]:
     """Start a sweep into `directory`; kill what is left of it in the end.
 
     `module` stands for the command, and `outer` is the beginning of a command that runs another.

@@ -24,7 +24,7 @@ def told_while_importing(module: Path, arguments: list[str], name: str) -> subpr
     module.write_text(SLOW.format(name=name))
     program = (
         f"import sys; sys.path.insert(0, {str(module.parent)!r}); from bow_sweep import entry\n"
-        f"entry.BEGIN = {module.stem!r}; sys.exit(entry.command())"
+        f"entry.MAIN = {module.stem!r}; sys.exit(entry.command())"
     )
     command = [sys.executable, "-c", program, *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -44,18 +44,16 @@ def test_the_command_says_that_it_was_interrupted(tmp_path: Path) -> None:
 def test_the_command_has_the_handlers_of_before_once_it_is_imported(monkeypatch: pytest.MonkeyPatch) -> None:
     before = [signal.getsignal(number) for number in entry.SIGNALS]
     monkeypatch.setattr(sys, "argv", ["bow", "settings"])
-    monkeypatch.setattr(f"{entry.BEGIN}.command", lambda: 7)
+    monkeypatch.setattr(f"{entry.MAIN}.main", lambda: 7)
     assert entry.command() == 7
     assert [signal.getsignal(number) for number in entry.SIGNALS] == before
 
 
 def test_who_has_ignored_ctrl_c_goes_on(tmp_path: Path) -> None:
-    (tmp_path / "slow.py").write_text(
-        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\ndef command(): return 5\n"
-    )
+    (tmp_path / "slow.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\ndef main(): return 5\n")
     program = (
         f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r}); signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
-        "from bow_sweep import entry; entry.BEGIN = 'slow'; sys.exit(entry.command())"
+        "from bow_sweep import entry; entry.MAIN = 'slow'; sys.exit(entry.command())"
     )
     ended = subprocess.run([sys.executable, "-c", program, "sweep"], capture_output=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr) == (5, b"")

@@ -256,17 +256,17 @@ def test_the_fingerprint_names_what_decides_the_numbers():
     assert len(source_hash()) == 16 and int(source_hash(), 16) >= 0
     for part in (f"source-{source_hash()}", "numba-", "llvmlite-", "numpy-"):
         assert part in fingerprint()
-    assert {"kernel", "loop", "friction", "reflection", "gesture", "model"} <= set(SOURCES)
+    assert {"kernel/block", "kernel/time_loop", "physics/friction", "physics/parameters"} <= set(SOURCES)
 
 
 CHILD = """
 import sys
-from bow_sim import kernel
-from bow_sim.identity import fingerprint
-from bow_sim.model import Parameters
+from bow_sim.kernel import block
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.parameters import Parameters
 for model in ("delta_cremer", "stiff_cremer"):
-    kernel.Block(Parameters(model=model), {"f_asym": [2.0]}).advance()
-print(sum(kernel._advance.stats.cache_misses.values()), sum(kernel._advance.stats.cache_hits.values()))
+    block.Block(Parameters(model=model), {"f_asym": [2.0]}).advance()
+print(sum(block._advance.stats.cache_misses.values()), sum(block._advance.stats.cache_hits.values()))
 print(fingerprint())
 print(sorted(m for m in ("rclpy", "mcap", "rerun") if m in sys.modules))
 """

@@ -15,7 +15,7 @@ from bow_sim.simd import code_cache
 from bow_sim.simd.code_cache import Announcer, CodeCache
 
 SOURCE = """
-from bow_sim.compiled import njit
+from bow_sim.simd.jit import njit
 
 @njit(cache=True)
 def twice(x):

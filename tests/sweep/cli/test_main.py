@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bow_sim.physics.motion import regular_from
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.cli.main import main, parser
-from bow_sweep.cli.transient import regular_from
 
 CELL = ["--model", "delta_cremer", "--v-mid", "0.7", "--f-init-ratio", "1"]
 

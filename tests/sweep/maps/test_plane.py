@@ -70,28 +70,3 @@ def test_a_plan_without_axes_or_with_absurd_ones_is_refused():
         Snapshot.empty(RUN, "s", [line for line in settings() if not line.startswith("x.first")])
     with pytest.raises(ValueError, match="1000000 x 1000000 cells"):
         Snapshot.empty(RUN, "s", settings(10**6, 10**6))
-
-
-def test_the_sooner_the_brighter_and_black_and_grey_are_apart_from_all():
-    lengths = np.array([*range(5, 105, 5), 0, np.nan], float)
-    colours = plane.transient_colours(lengths, 100).astype(int)
-    light = colours @ [0.2126, 0.7152, 0.0722]
-    assert (np.diff(light[:20]) < 0).all()
-    assert tuple(colours[20]) == plane.BLACK
-    assert tuple(colours[21]) == plane.GREY
-    assert light[19] > 25  # the latest success is not black
-
-
-def test_colours_are_those_of_viridis():
-    matplotlib = pytest.importorskip("matplotlib")
-    share = np.linspace(0, 1, 101)
-    theirs = np.array(matplotlib.colormaps["viridis"](share))[:, :3] * 255
-    assert abs(plane.viridis(share) - theirs).max() < 6
-
-
-def test_every_regime_has_a_colour_of_its_own():
-    names = [*basin_map()["regime_names"], "anomalous_low_frequency", "s_motion"]
-    colours = plane.regime_colours(names)
-    assert len(set(colours)) == len(names)
-    assert plane.regime_colours(names[::-1][2:]) == colours[:-2][::-1]
-    assert len(plane.regime_colours([f"regime_{n}" for n in range(255)])) == 255

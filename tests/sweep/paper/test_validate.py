@@ -294,9 +294,9 @@ def test_wrong_usage_is_one_clear_line(words, message, capsys, tmp_path, monkeyp
 
 def test_maps_are_sorted_into_the_papers_layout(tmp_path, capsys, monkeypatch):
     drawn = []
-    monkeypatch.setattr("bow_sweep.maps.map_file.draw_maps", lambda planes, path: drawn.extend(planes))
+    monkeypatch.setattr("bow_sweep.view.map_figures.draw_maps", lambda planes, path: drawn.extend(planes))
     monkeypatch.setattr(
-        "bow_sweep.maps.map_file.draw_tests", lambda plane, path, periods: drawn.append((periods, plane))
+        "bow_sweep.view.map_figures.draw_tests", lambda plane, path, periods: drawn.append((periods, plane))
     )
     for letter in "fca":
         (tmp_path / letter).mkdir()

@@ -23,7 +23,7 @@ SWEEP = recording.small_sweep()
 
 
 def bow_replay(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "bow_sweep.cli", "replay", *arguments]
+    command = [sys.executable, "-m", "bow_sweep", "replay", *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
@@ -100,7 +100,7 @@ def test_a_classifier_that_dies_is_said(long: Path) -> None:
 
 @pytest.mark.full
 def test_interrupted_it_leaves_nothing_behind(run: Path) -> None:
-    words = [sys.executable, "-m", "bow_sweep.cli", "replay", str(run), "--graph", "--set", "correlation=0.5"]
+    words = [sys.executable, "-m", "bow_sweep", "replay", str(run), "--graph", "--set", "correlation=0.5"]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True)
     children: list[psutil.Process] = []
     while not children:

@@ -219,9 +219,9 @@ def test_where_it_was_killed_its_work_is_done_in_the_end(tmp_path: Path) -> None
 SUPERVISES = """
 import os, signal, sys
 from pathlib import Path
-from bow_sweep import janitor
-janitor.LEAVE_S = float(sys.argv[3])
-keeper = janitor.Janitor(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
+from bow_sweep.processes import shm_cleaner
+shm_cleaner.LEAVE_S = float(sys.argv[3])
+keeper = shm_cleaner.Janitor(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
 print("supervises", flush=True)
 sys.stdin.read()
 """

@@ -46,7 +46,7 @@ def test_the_layers_of_the_recorded_verdicts(recorded):
     for name, kind in {"correlation": "f4", "period": "f4", "slips": "u2", "corners": "u2", "regime": "u1"}.items():
         assert layers[name].shape == (4, 12)
         assert layers[name].dtype == kind
-    verdict = recording.wire.decode("Verdicts", recording.chunks(SWEEP, 1)[2].verdicts)
+    verdict = recording.cdr.decode("Verdicts", recording.chunks(SWEEP, 1)[2].verdicts)
     assert np.array_equal(layers["corners"][2, 5:10], verdict["corners"])
 
 

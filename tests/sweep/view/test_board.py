@@ -128,7 +128,7 @@ def test_axes_scales_and_meanings_are_drawn_once(path):
 def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
     script = f"""
         import os, sys
-        sys.path[:0] = {sys.path!r}
+        sys.path[:0] = [{str(Path(__file__).parent)!r}, *{sys.path!r}]
         from test_board import board, show_waveform, snapshot
         from pathlib import Path
         shown = board(Path({str(path)!r}))

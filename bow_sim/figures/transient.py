@@ -10,28 +10,11 @@ from typing import Any
 import numpy as np
 
 from bow_sim.atomic_files import replacing
+from bow_sim.physics.motion import regular_from, slip_onsets
 from bow_sim.physics.parameters import Parameters
 
 Waveforms = Mapping[str, np.ndarray]
 """As :func:`bow_sim.kernel.block.transient` returns them: name -> (samples,)."""
-
-REGULAR_WITHIN = 5
-"""Samples by which the time between slip onsets may differ from the nominal period in regular motion."""
-
-
-def slip_onsets(slipping: np.ndarray) -> np.ndarray:
-    """Return the samples t with slipping[t] and not slipping[t - 1], shape (onsets,)."""
-    return np.flatnonzero(slipping[1:] & ~slipping[:-1]) + 1
-
-
-def regular_from(slipping: np.ndarray, period: int) -> int | None:
-    """Return the onset after which slips come once a period to the end, or None (PHYSICS.md section 8, Figs 5-8)."""
-    onsets = slip_onsets(slipping)
-    irregular = np.flatnonzero(np.abs(np.diff(onsets) - period) > REGULAR_WITHIN)
-    first = irregular[-1] + 1 if irregular.size else 0
-    if onsets.size - first < 3 or len(slipping) - onsets[-1] > period + REGULAR_WITHIN:
-        return None
-    return int(onsets[first])
 
 
 def describe(parameters: Parameters, waveforms: Waveforms) -> str:

@@ -1,0 +1,29 @@
+"""The roles of the graph's processes, the module of each, and how a new Python becomes one of them."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+MODULES = {
+    "coordinator": "bow_sweep.coordinator.node",
+    "simulator": "bow_sim.node",
+    "classifier": "bow_classifier.node",
+    "recorder": "bow_sweep.record.node",
+    "dashboard": "bow_sweep.view.node",
+}
+"""Role -> module with the node's main()."""
+
+CHILD = (
+    "import sys; sys.path[:] = [sys.argv.pop(1), *filter(None, sys.path)]; import bow_sim, bow_classifier, bow_sweep; "
+    "del sys.path[0]; from bow_sweep.processes.roles import node; sys.exit(node())"
+)
+"""Code of a new Python process that becomes a node: it imports our packages from where the parent has them (the first
+argument), and nothing from the working directory."""
+
+
+def node() -> int:
+    """Run the node whose module the first argument names; return its exit status."""
+    sys.argv.pop(0)
+    status: int = importlib.import_module(sys.argv[0]).main()
+    return status
