@@ -1,6 +1,6 @@
 """Draws the pictures of docs/architecture.md with Graphviz: `make diagrams`, after a change of what they are made from.
 
-docs/diagrams/rooms.dot is written from the table of allowed imports in tests/rooms.py; processes.dot is written by
+docs/diagrams/rooms.dot is written from the table of allowed imports in tests/support/rooms.py; processes.dot is written by
 hand. Each .svg names the SHA-256 of its source, so that a test can tell without Graphviz whether it is up to date.
 """
 
@@ -16,13 +16,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "diagrams"
-TABLE = ROOT / "tests" / "rooms.py"
+TABLE = ROOT / "tests" / "support" / "rooms.py"
 COLOURS = {"bow_sim": "#eaf4ea", "bow_classifier": "#eef3fb", "bow_sweep": "#fff6e0"}
 
 HEAD = """\
-// Which room may import which, from the table in tests/rooms.py. Written by tools/diagrams.py: make diagrams
+// Which room may import which, from the table in tests/support/rooms.py. Written by tools/diagrams.py: make diagrams
 digraph rooms {
-  graph [rankdir=BT, fontname="Helvetica", nodesep=0.3, ranksep=0.6, bgcolor="transparent", style=rounded]
+  graph [rankdir=BT, fontname="Helvetica", nodesep=0.3, ranksep=0.6, bgcolor="white", style=rounded]
   node [shape=box, style="rounded,filled", fillcolor=white, color="#666666", fontname="Helvetica", fontsize=13]
   edge [color="#555555"]
 """
@@ -72,7 +72,7 @@ def problems() -> list[str]:
     """Return which pictures are not those of their sources; empty if all are."""
     found = []
     if (FOLDER / "rooms.dot").read_text() != rooms_dot(table()):
-        found.append("docs/diagrams/rooms.dot is not what tests/rooms.py says: make diagrams")
+        found.append("docs/diagrams/rooms.dot is not what tests/support/rooms.py says: make diagrams")
     for source in sorted(FOLDER.glob("*.dot")):
         picture = source.with_suffix(".svg")
         if not picture.exists() or mark(source) not in picture.read_text():
