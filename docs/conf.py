@@ -12,7 +12,8 @@ author = "the authors of bow"
 copyright = "the authors of bow, Apache-2.0"  # noqa: A001 - Sphinx's name
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpydoc", "generated_reference"]
 exclude_patterns = ["_build"]
-nitpicky = False
+# `type` in an annotation like type[Exception] is also the name of two fields here.
+suppress_warnings = ["ref.python"]
 
 # Pages are Markdown that GitHub shows as well.
 myst_enable_extensions = ["dollarmath"]

@@ -2,7 +2,7 @@
 
 The bridge force x is averaged over one period of the Schelleng ripples, bow-bridge-bow, and differentiated; together
 y[t] = x[t] - x[t - d], d the ripple period: a corner that passes raises a pulse of width d and about height v_b/beta.
-A corner is the onset of |y| above the threshold, either sign, armed again when y falls below it or changes sign.
+A corner is the onset of `|y|` above the threshold, either sign, armed again when y falls below it or changes sign.
 All in float32, as the stream is: eight samples at a time.
 """
 
@@ -143,7 +143,7 @@ def corners(
     delay
         (cells,) ripple period in samples: round trip bow-bridge-bow.
     level
-        (cells,) threshold of |y|, in units of the bridge force.
+        (cells,) threshold of `|y|`, in units of the bridge force.
     gap
         (cells,) samples: two corners further apart than this belong to different clusters; 0 unless given.
 

@@ -12,7 +12,8 @@ import importlib
 import io
 import os
 import pkgutil
-import shutil
+import re
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -107,10 +108,33 @@ def write(folder: Path) -> None:
             path.write_text(text)
 
 
+def list_modules(_app: Any, _what: str, name: str, thing: Any, _options: Any, lines: list[str]) -> None:
+    """Turn the lines of a package's docstring that list its modules, ``name  what is in it``, into a list of links."""
+    entries = [re.fullmatch(r"(\w+) {2,}(.+)", line) for line in lines] if hasattr(thing, "__path__") else []
+    if any(entries):
+        lines[:] = [
+            f"- :py:mod:`{entry[1]} <{name}.{entry[1]}>`: {entry[2]}" if entry else line
+            for entry, line in zip(entries, lines, strict=True)
+        ]
+
+
+def skip_aliases(_app: Any, _what: str, _name: str, thing: Any, skip: bool, _options: Any) -> bool | None:
+    """Leave out names of types such as ``Key = tuple[int, int]``, of which Sphinx tries to write a signature."""
+    return True if isinstance(thing, types.GenericAlias) else None
+
+
+def link_to_included_pages(_app: Any, _page: str, source: list[str]) -> None:
+    """Send links to files at the root of the repository, which GitHub follows, to the pages that include them."""
+    source[0] = source[0].replace("](../CONTRIBUTING.md", "](contributing.md").replace("](../CHANGELOG.md", "](changelog.md")
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Sphinx calls this when it loads the extension."""
     from bow_sim.graph import environment
 
     environment.prepare()
+    app.connect("autodoc-process-docstring", list_modules, priority=100)
+    app.connect("autodoc-skip-member", skip_aliases)
+    app.connect("source-read", link_to_included_pages)
     app.connect("builder-inited", lambda app: write(Path(app.srcdir) / "reference" / "generated"))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
