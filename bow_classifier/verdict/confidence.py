@@ -1,8 +1,8 @@
 """How sure a verdict is: the margins of its tests, turned into a probability that the name is right.
 
-A logistic curve over six margins, one row of coefficients for each regime. They were fitted to records with known
-truth by ``python -m bench.verdicts --fit`` (docs/verdicts.md says how well they hold on others), with no coefficient of
-a margin below zero: whoever is further from a threshold is not trusted less.
+A logistic curve over six margins, one row of coefficients for each regime. They were fitted to records with known truth
+by ``python -m studies.verdicts --fit`` (docs/verdicts.md says how well they hold on others), with no coefficient of a
+margin below zero: whoever is further from a threshold is not trusted less.
 """
 
 from __future__ import annotations

@@ -15,11 +15,12 @@ if TYPE_CHECKING:
 
     from bow_sweep.maps.compare import Compared
 
-DONE, USAGE = 0, 2
+from bow_sweep.cli.terminal import fail
+from bow_sweep.processes.exit_status import DONE
 
 
 def add_command(commands: Any) -> None:
-    """Add the parser of `compare`; it has a default `run` that takes the arguments."""
+    """Add the parser of `compare`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "compare",
         help="hold runs against each other: terrain and playability",
@@ -47,11 +48,6 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_compare)
 
 
-def _fail(message: str) -> int:
-    print(f"bow: {message}", file=sys.stderr)
-    return USAGE
-
-
 def _compare(args: argparse.Namespace) -> int:
     from bow_sim.figures.page import FigureError, check_path
     from bow_sweep.figures.terrain import draw_comparison
@@ -63,7 +59,7 @@ def _compare(args: argparse.Namespace) -> int:
             check_path(args.out)
         found = compare(args.runs)
     except (MapFileError, FigureError) as error:
-        return _fail(str(error))
+        return fail(str(error))
     if args.json:
         print(json.dumps(as_json(found), indent=2))
     else:
@@ -77,7 +73,7 @@ def _compare(args: argparse.Namespace) -> int:
         try:
             draw_comparison(found, args.out)
         except OSError as error:
-            return _fail(f"--out {args.out}: cannot be written: {error.strerror}")
+            return fail(f"--out {args.out}: cannot be written: {error.strerror}")
         print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
     return DONE
 

@@ -26,8 +26,9 @@ from bow_sweep.record.deduplication import Answer, Inventory
 from bow_sweep.record.disk import DiskSync
 from bow_sweep.record.inspection import Inspection
 from bow_sweep.record.notes import HOW, note
-from bow_sweep.record.recover import locked, repair
+from bow_sweep.record.recover import repair
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Topic
+from bow_sweep.run.lock import locked
 
 COMMIT_BYTES = 4 << 20
 """Bytes after which a chunk of the file is written."""
@@ -69,8 +70,9 @@ class Session:
     ParameterError
         Where the plan is not one that can be run.
     BagError
-        Where the directory is another run's, another recorder writes it (LockedError), or the plan closes what was
-        closed before (AlreadyClosedError).
+        Where the bag is of another run, or the plan closes what was closed before (AlreadyClosedError).
+    LockError
+        Where another recorder writes it (LockedError), or the directory cannot be locked.
     OSError
         Where it cannot be written.
     """
@@ -104,7 +106,7 @@ class Session:
         with ExitStack() as stack:
             directory.mkdir(parents=True, exist_ok=True)
             sync_directory(directory.parent)
-            stack.enter_context(locked(directory, lock))
+            stack.enter_context(locked(directory, "recorder", lock))
             identity = self.expected.run_id, self.expected.sweep_id
             self.report, found = repair(directory / FOLDER, identity, resuming=True)
             self.last_plan = found.survey.plan

@@ -1,7 +1,7 @@
 """What a stranger can hand to this package, and what must come of it: each target takes chance and makes one case.
 
 A case passes where the answer is right or a clear refusal; whatever else is raised, is a bug. Chance is a
-:class:`random.Random`: Hypothesis brings its own and shrinks, ``python -m bench.fuzz`` brings seeds.
+:class:`random.Random`: Hypothesis brings its own and shrinks, ``python tests/stress/fuzz.py`` brings seeds.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import json
 import random
 import shutil
 import threading
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,10 +27,12 @@ from bow_classifier.task import Task
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
-from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
+from bow_sim.protocol.neighbours import Neighbours
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.coordinator.resume import prepare
+from bow_sweep.coordinator.session import CoordinatorSession
+from bow_sweep.coordinator.session_events import ReceiptReceived, RunGiven, VerdictsReceived
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz, write_map_npz
 from bow_sweep.plan import presets as plans
@@ -195,7 +198,6 @@ class Targets:
     def answers(self, chance: Chance) -> None:
         """Receipts and verdicts that don't fit are counted by simulator and coordinator, and no more."""
         from bow_sim.node import SimulatorNode
-        from bow_sweep.coordinator.node import CoordinatorNode
 
         name = chance.choice(["Receipt", "Verdicts"])
         values = cdr.decode(name, messages()[name])
@@ -205,21 +207,17 @@ class Targets:
             elif kind == "uint32" and chance.random() < 0.3:
                 values[field] = chance.choice([0, 3, 4, 2**32 - 1])
         data = cdr.encode(name, values)
-        run = SimpleNamespace(run_id=recording.RUN, sweep=SWEEP, blocks=Blocks(SWEEP.cells, SWEEP.block_cells))
-        coordinator = SimpleNamespace(health=SimpleNamespace(ignored=0, messages=0), _run=run, events=[])
-        coordinator.heard = lambda topic, incarnation: None
-        coordinator._basin = Basin(SWEEP.x.count, SWEEP.y.count, SWEEP.chunks)
-        ledger = Ledger(SWEEP.blocks, SWEEP.chunks)
-        coordinator._handle = lambda event: ledger.handle(event, 0.0)
-        coordinator._mine = functools.partial(CoordinatorNode._mine, coordinator)
+        session = CoordinatorSession("c" * 16, "here", "/bow", Neighbours("c" * 16, "here"), Run, lambda: 0.0)
+        run: Any = SimpleNamespace(run_id=recording.RUN, sweep=SWEEP, blocks=SWEEP.first_blocks, directory=self.room)
+        run.ledger, run.cells_in = Ledger(SWEEP.blocks, SWEEP.chunks), lambda _: 0
+        run.record, run.next_round, run.accounts, run.quarantined = list, lambda _: False, Counter, {}
+        session.handle(RunGiven(run), 0.0)
+        session.handle(ReceiptReceived(data) if name == "Receipt" else VerdictsReceived(data), 0.0)
         simulator = SimpleNamespace(health=SimpleNamespace(ignored=0), _run=(recording.RUN, SWEEP.sweep_id))
-        simulator.heard = coordinator.heard
+        simulator.heard = lambda topic, incarnation: None
         simulator._lock, simulator._window = threading.Condition(), recording_window()
         if name == "Receipt":
-            CoordinatorNode._on_receipts(coordinator, data)  # type: ignore[arg-type]
             SimulatorNode._on_receipts(simulator, data)  # type: ignore[arg-type]
-        else:
-            CoordinatorNode._on_verdicts(coordinator, data)  # type: ignore[arg-type]
 
     def stream(self, chance: Chance) -> None:
         """The classifier judges a chunk or says why not, whatever its numbers are."""

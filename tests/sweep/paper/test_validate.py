@@ -14,7 +14,8 @@ from bow_sim.figures.motion import motion
 from bow_sim.figures.page import STYLE
 from bow_sim.physics.modes import transverse_modes
 from bow_sim.physics.parameters import Parameters
-from bow_sweep.cli.paper import add_commands
+from bow_sweep.cli import figure
+from bow_sweep.cli import validate as validate_command
 from bow_sweep.figures import maps
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile, MapFileError, write_map_npz
@@ -255,7 +256,9 @@ def test_the_force_limit_is_where_half_succeed():
 
 def bow(*words) -> int:
     parser = argparse.ArgumentParser(prog="bow")
-    add_commands(parser.add_subparsers(required=True))
+    commands = parser.add_subparsers(required=True)
+    figure.add_command(commands)
+    validate_command.add_command(commands)
     args = parser.parse_args([str(word) for word in words])
     return args.run(args)
 

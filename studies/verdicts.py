@@ -1,4 +1,4 @@
-"""How good the verdicts are: `python -m bench.verdicts` measures it, for docs/verdicts.md and docs/reliability.png.
+"""How good the verdicts are: `python -m studies.verdicts` measures it, for docs/verdicts.md and docs/reliability.png.
 
 Against records of known truth (tests/classifier/generator.py) and against simulated cells labelled by eye
 (tests/data/labels.csv), of which one half was for tuning; the other is only counted here. `--fit` fits the coefficients
@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bench import verdicts_page as pages
 from bow_classifier.block_classifier import BlockJudge, Geometry
 from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS
 from bow_classifier.verdict.decision import history
@@ -32,6 +31,7 @@ from bow_sweep.maps.in_process import compute, intervals_of
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.paper.claims_maps import CLAIMS
 from bow_sweep.plan.sweep import Sweep
+from studies import verdicts_page as pages
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))  # the generator is a test's, and measured with here
@@ -130,8 +130,9 @@ def _found(truth: list[str], number: Sequence[int], judge: BlockJudge, geometry:
 
 
 def _joined(parts: Sequence[Found]) -> Found:
-    lists = [[name for part in parts for name in part[k]] for k in (0, 1)]
-    return Found(*lists, *(np.concatenate([part[k] for part in parts]) for k in range(2, 6)))
+    truth, regime = ([name for part in parts for name in part[k]] for k in (0, 1))
+    number, counted, confidence, margins = (np.concatenate([part[k] for part in parts]) for k in range(2, 6))
+    return Found(truth, regime, number, counted, confidence, margins)
 
 
 # ---- the confidence

@@ -1,4 +1,4 @@
-"""Cells to be labelled by eye, drawn without their names; run it with `python -m bench.labels --out DIRECTORY`.
+"""Cells to be labelled by eye, drawn without their names; run it with `python -m studies.labels --out DIRECTORY`.
 
 Chooses 32 cells of each map of Fig 11, simulates them, and draws pages of six in a shuffled order. Someone looks at the
 pages and writes down what each cell does: a file with the columns `MARKS`. `--marks FILE` then joins the marks with the

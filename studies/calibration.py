@@ -1,4 +1,4 @@
-"""How what the paper leaves open moves its maps; run it with `python -m bench.calibration`.
+"""How what the paper leaves open moves its maps; run it with `python -m studies.calibration`.
 
 Cremer's constants, the bending stiffness, the precision of the arithmetic and the rounding of delays are not in the
 paper. This computes the maps of Fig 11 with each of them changed, in this process, and writes what changes into
@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.page import put
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.figures.page import MUTED, style
 from bow_sim.physics.parameters import Parameters
@@ -30,6 +29,7 @@ from bow_sweep.paper.claim import REPORT
 from bow_sweep.paper.claims_maps import CLAIMS
 from bow_sweep.paper.maps import LAYOUT
 from bow_sweep.plan.sweep import Sweep
+from tools.doc_page import put
 
 ROOT = Path(__file__).resolve().parent.parent
 STIFFNESS = (1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3)
@@ -236,7 +236,7 @@ def main() -> None:
     put(
         page(found, left_out, args.nx, args.ny, time.monotonic() - began),
         args.out / "calibration.md",
-        "bench/calibration.py",
+        "studies/calibration.py",
     )
     print(f"wrote {args.out / 'calibration.md'}")
 

@@ -1,4 +1,4 @@
-"""The maps of `python -m bench.terrain`: those of Fig 11, their grids shifted, and judged by other thresholds."""
+"""The maps of `python -m studies.terrain`: those of Fig 11, their grids shifted, and judged by other thresholds."""
 
 from __future__ import annotations
 
@@ -86,8 +86,8 @@ def write_data() -> None:
         (basin,) = judged(plan(letter, 128, 64), [Thresholds()])
         arrays[f"{letter}_transient_periods"] = basin.transient_periods.reshape(64, 128).astype(np.uint8)
         arrays[f"{letter}_regime"] = basin.latest("regime").reshape(64, 128)
-    recipe = "python -m bench.terrain --data: presets fig11a ... fig11f, 128 x 64 cells, default thresholds"
+    recipe = "python -m studies.terrain --data: presets fig11a ... fig11f, 128 x 64 cells, default thresholds"
     DATA.parent.mkdir(exist_ok=True)
-    np.savez_compressed(
-        DATA, **arrays, recipe=np.array(recipe), fingerprint=np.array(fingerprint()), classifier=Thresholds().hash
-    )
+    origin = {"recipe": recipe, "fingerprint": fingerprint(), "classifier": Thresholds().hash}
+    arrays |= {name: np.array(text) for name, text in origin.items()}
+    np.savez_compressed(DATA, allow_pickle=False, **arrays)

@@ -1,4 +1,4 @@
-"""Writes docs/validation.md from a real `bow validate`, with the figures: `python -m bench.validation RUN...`.
+"""Writes docs/validation.md from a real `bow validate`, with the figures: `python -m studies.validation RUN...`.
 
 The runs are those of fig11a ... fig11f, at full size. Exit status 1 if a claim fails.
 """
@@ -10,11 +10,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from bench.page import put
 from bow_sim.figures.catalogue import FIGURES, figure
 from bow_sim.figures.page import save
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sweep.paper.validate import validate
+from tools.doc_page import put
 
 ROOT = Path(__file__).resolve().parent.parent
 PIXELS_AN_INCH = 140  # small files
@@ -35,7 +35,7 @@ def main() -> int:
     named = replace(report, runs=tuple((Path(directory).name, title) for directory, title in report.runs))
     figures = "\n\n".join(f"![Fig {number}](figures/fig{number:02}.png)" for number in FIGURES)
     text = f"{named.to_markdown()}\nKernel: `{fingerprint()}`.\n\n## The line figures\n\n{figures}"
-    put(text, args.out / "validation.md", "bench/validation.py")
+    put(text, args.out / "validation.md", "studies/validation.py")
     print(report.summary())
     return 0 if report.ok else 1
 

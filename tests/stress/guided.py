@@ -1,7 +1,7 @@
-"""Hostile input guided by coverage: `python -m bench.guided wire --runs 100000`, for a target of tests/fuzz.
+"""Hostile input guided by coverage: `python tests/stress/guided.py wire --runs 100000`, for a target of tests/fuzz.
 
 Needs `pip install atheris` (Linux, CPython up to what it has wheels for), which the package itself does not. libFuzzer
-looks for inputs that reach new lines of the readers, where `python -m bench.fuzz` throws dice.
+looks for inputs that reach new lines of the readers, where `python tests/stress/fuzz.py` throws dice.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import types
 import warnings
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 import targets
 
@@ -58,7 +58,7 @@ class Chance(random.Random):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m bench.guided", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python tests/stress/guided.py", description=__doc__.split("\n")[0])
     parser.add_argument("target")
     parser.add_argument("--runs", type=int, default=100_000)
     parser.add_argument("--seconds", type=int, default=600)

@@ -1,4 +1,4 @@
-"""Terrain and playability of the six maps of Fig 11; run it with `python -m bench.terrain`.
+"""Terrain and playability of the six maps of Fig 11; run it with `python -m studies.terrain`.
 
 Writes into docs/terrain.md (between two marks; the text around them stays), with its pictures: how often the terrain of
 synthetic maps is found, how the paper's statements come out, what becomes of them when every threshold is moved by a
@@ -16,11 +16,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from bench.page import put
-from bench.terrain_maps import DATA, compute, write_data
 from bow_sim.figures.control import CONTOURS
 from bow_sim.figures.page import save, style
 from bow_sim.kernel.fingerprint import fingerprint
@@ -36,6 +36,8 @@ from bow_sweep.maps.streaks import Alignment, alignment, contour_directions, str
 from bow_sweep.paper import claims_terrain
 from bow_sweep.paper.claim import Maps
 from bow_sweep.paper.maps import LAYOUT
+from studies.terrain_maps import DATA, compute, write_data
+from tools.doc_page import put
 
 ROOT = Path(__file__).resolve().parent.parent
 HELD_OUT = range(1000, 1040)
@@ -64,19 +66,20 @@ def verdicts(maps: Maps) -> dict[str, str]:
 def moved_textures(maps: Maps) -> dict[str, dict[str, str]]:
     """Claims on the default maps when a scale or limit of terrain is moved: "name × by" -> claim -> verdict."""
     usual, found = ground.Texture(), {}
-    original = claims_terrain.terrain, claims_terrain.playability, claims_terrain.alignment
+    claims: Any = claims_terrain  # its functions are exchanged
+    original = claims.terrain, claims.playability, claims.alignment
     try:
         for entry in fields(usual):
             for by in (0.9, 1.1):
                 texture = replace(usual, **{entry.name: getattr(usual, entry.name) * by})
-                claims_terrain.terrain = lambda t, texture=texture: original[0](t, texture)
-                claims_terrain.playability = lambda t, r, n, texture=texture: original[1](t, r, n, texture)
-                claims_terrain.alignment = lambda t, lines, texture=texture: original[2](t, lines, texture)
+                claims.terrain = lambda t, texture=texture: original[0](t, texture)
+                claims.playability = lambda t, r, n, texture=texture: original[1](t, r, n, texture)
+                claims.alignment = lambda t, lines, texture=texture: original[2](t, lines, texture)
                 claims_terrain.codes_of.cache_clear()
                 claims_terrain.playability_of.cache_clear()
                 found[f"{entry.name} × {by:g}"] = verdicts(maps)
     finally:
-        claims_terrain.terrain, claims_terrain.playability, claims_terrain.alignment = original
+        claims.terrain, claims.playability, claims.alignment = original
         claims_terrain.codes_of.cache_clear()
         claims_terrain.playability_of.cache_clear()
     return found
@@ -167,8 +170,8 @@ def robust_part(found: Mapping[str, Mapping[str, MapFile]]) -> list[str]:
         other = [key for key, verdict in verdicts(maps).items() if verdict != usual[key]]
         lines.append(row(name, changed, ", ".join(other) or "none"))
     textures = moved_textures(found["default"])
-    other = {name: [key for key in usual if result[key] != usual[key]] for name, result in textures.items()}
-    worst = {name: keys for name, keys in other.items() if keys}
+    moved = {name: [key for key in usual if result[key] != usual[key]] for name, result in textures.items()}
+    worst = {name: keys for name, keys in moved.items() if keys}
     said = "; ".join(f"{name}: {', '.join(keys)}" for name, keys in worst.items()) or "none"
     lines.append(row(f"each of terrain's {len(textures) // 2} scales and limits × 0.9, × 1.1", "", said))
     return lines
@@ -229,7 +232,8 @@ def playability_part(found: Mapping[str, Mapping[str, MapFile]]) -> list[str]:
     for measure in play.MEASURES:
         cells = []
         for delta, stiff in claims_terrain.PAIRS:
-            (v1, e1), (v2, e2) = (value_and_error(every[k], measure.name) for k in (delta, stiff))
+            numbers = [value for k in (delta, stiff) for value in value_and_error(every[k], measure.name)]
+            v1, e1, v2, e2 = (np.nan if value is None else value for value in numbers)
             error = float(np.hypot(e1, e2))
             times = f" ({abs(v2 - v1) / error:.0f})" if error else ""
             cells.append(number(measure, v2 - v1, error, signed=True) + times)
@@ -261,7 +265,7 @@ def draw(maps: Mapping[str, MapFile], out: Path) -> None:
     save(streak_figure(maps), out / "terrain-streaks.png")
 
 
-def streak_figure(maps: Mapping[str, MapFile]) -> object:
+def streak_figure(maps: Mapping[str, MapFile]) -> Figure:
     """(c) and (e) with the contours of Fig 12, and strokes along the streaks."""
     with style():
         layout = Layout(2 * 900 + 60, 520, 200)
@@ -328,7 +332,7 @@ def main() -> None:
     began = time.monotonic()
     found = compute(args.nx, args.ny)
     draw(found["default"], args.out)
-    put(page(found, args.nx, args.ny, time.monotonic() - began), args.out / "terrain.md", "bench/terrain.py")
+    put(page(found, args.nx, args.ny, time.monotonic() - began), args.out / "terrain.md", "studies/terrain.py")
     print(f"wrote {args.out / 'terrain.md'}")
 
 

@@ -1,8 +1,8 @@
-"""Hostile input in the long run: `python -m bench.fuzz --cases 100000 [--seed 0] [--only wire,map]`.
+"""Hostile input in the long run: `python tests/stress/fuzz.py --cases 100000 [--seed 0] [--only wire,map]`.
 
 The targets are those of tests/fuzz, where Hypothesis brings a few thousand cases. Here every case has its own seed, is
 timed, and may take no more than half a gigabyte. Prints a table; a case that fails is named with the seed that makes it
-again: `python -m bench.fuzz --only TARGET --again SEED`. Exit status 1 if one failed or took too long.
+again: `python tests/stress/fuzz.py --only TARGET --again SEED`. Exit status 1 if one failed or took too long.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 import targets
 from chance import bounded_memory
@@ -29,7 +29,7 @@ SLOW_S = 5.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m bench.fuzz", description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(prog="python tests/stress/fuzz.py", description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="targets, separated by commas")

@@ -1,4 +1,4 @@
-"""The page of the verdicts, docs/verdicts.md, and its picture: what :mod:`bench.verdicts` measured, in tables."""
+"""The page of the verdicts, docs/verdicts.md, and its picture: what :mod:`studies.verdicts` measured, in tables."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.page import put
 from bow_classifier.verdict.regimes import DEFINITIONS, REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.figures.page import METADATA, style
+from tools.doc_page import put
 
 EDGES = np.array([0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 1.0 + 1e-9])
 """Bins of the confidence: finer where most of it lies."""
@@ -212,4 +212,4 @@ def write(path: Path, tuned: Any, held: Any, drawn: Any, moves: Any, machine: st
     ]  # fmt: skip
     if changes:
         lines += ["", *(f"- {change}" for change in changes)]
-    put("\n".join(lines), path, "bench/verdicts.py")
+    put("\n".join(lines), path, "studies/verdicts.py")

@@ -1,4 +1,4 @@
-"""The long version of the storm in tests/graph/test_storm.py: ``python -m bench.kills --kills 200 --seed 7``.
+"""The long version of the storm in tests/graph/test_storm.py: ``python tests/stress/kills.py --kills 200 --seed 7``.
 
 SIGKILL at random moments over all roles: one, several at once, and again while the graph recovers; where the whole
 graph or its coordinator is killed, the run is gone on with by ``--resume``. Each run must in the end pass `bow verify`
@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests" / "support"))
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS / "support"), str(TESTS / "graph")]
 
 import graph as tests  # noqa: E402  # of tests/graph
 from test_storm import LONG, ROLES, strike  # noqa: E402
@@ -123,7 +123,7 @@ def measure(kills: int, seed: int, folder: Path | None = None) -> dict[str, Any]
 
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
-        prog="python -m bench.kills", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="python tests/stress/kills.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--kills", type=int, default=200, help="strikes in all (default: 200, some 20 minutes)")
     parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(10**6), help="default: random")

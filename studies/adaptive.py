@@ -1,4 +1,4 @@
-"""How little of a map must be simulated: `python -m bench.adaptive`, a minute and a half.
+"""How little of a map must be simulated: `python -m studies.adaptive`, a minute and a half.
 
 Computes the six maps of Fig 11 and other ones exhaustively, then plays adaptive sweeps over them, looking up what they
 ask for instead of simulating it. Writes its part of docs/adaptive.md, and docs/adaptive.png.
@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.page import put
 from bow_sim.figures.page import MUTED, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import transient_colours
@@ -24,6 +23,7 @@ from bow_sweep.maps.in_process import compute
 from bow_sweep.paper.maps import LAYOUT
 from bow_sweep.plan.adaptive import fill, next_round, within_budget
 from bow_sweep.plan.sweep import Sweep
+from tools.doc_page import put
 
 ROOT = Path(__file__).resolve().parent.parent
 PANELS = {f"({letter})": (f"fig11{letter}", ()) for letter in LAYOUT}
@@ -183,7 +183,7 @@ def main() -> None:
         half = played[name][0.5]
         print(f"{name}: {number(half.agree)} % with {number(half.simulated)} % of the simulations", flush=True)
     curves, others = ({name: played[name] for name in group} for group in (PANELS, OTHERS))
-    put(page(curves, others, time.monotonic() - began), out / "adaptive.md", "bench/adaptive.py")
+    put(page(curves, others, time.monotonic() - began), out / "adaptive.md", "studies/adaptive.py")
     draw(truths, curves, out / "adaptive.png")
     print(f"wrote {out / 'adaptive.md'} and adaptive.png")
 
