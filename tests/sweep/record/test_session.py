@@ -144,14 +144,18 @@ RUBBISH = {
         changed("bridge_force", samples=696, data=np.zeros((5, 696))),
         "696 samples from sample 1390 on, should be 695",
     ),
-    "samples from elsewhere": ("stick_slip", changed("stick_slip", first_sample=0), "from sample 0 on, should be 695 from sample 1390 on"),
+    "samples from elsewhere": (
+        "stick_slip",
+        changed("stick_slip", first_sample=0),
+        "from sample 0 on, should be 695 from sample 1390 on",
+    ),
     "data for other cells": ("bridge_force", changed("bridge_force", data=np.zeros(7)), "7 values for 5 cells"),
     "verdicts of another classifier": ("verdicts", changed("verdicts", classifier="?"), "classifier = '?'"),
     "a flipped bit": ("bridge_force", CHUNK.bridge_force[:-9] + b"\xff" + CHUNK.bridge_force[-8:], "does not hold"),
     "a message cut short": ("stick_slip", CHUNK.stick_slip[:100], ""),
     "nothing": ("verdicts", b"", "not with plain little-endian CDR"),
     "no map": ("basin_map", b"\x00\x01\x00\x00", ""),
-    "an inspected cell of another run": ("inspect", changed("bridge_force", run_id="f" * 16), "should be of run"),
+    "an inspected cell of another run": ("inspect", changed("bridge_force", run_id="f" * 16), "this is run"),
 }
 
 
