@@ -17,12 +17,12 @@ import numpy as np
 
 from bow_sim.figures.page import MUTED, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.figures.colours import transient_colours
+from bow_sweep.figures.layout import Layout
 from bow_sweep.maps.in_process import compute
 from bow_sweep.paper.maps import LAYOUT
 from bow_sweep.plan.adaptive import fill, next_round, within_budget
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.view.colours import transient_colours
-from bow_sweep.view.figure_layout import Sheet
 from tools.doc_page import put
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -139,7 +139,7 @@ def draw(truths: dict[str, np.ndarray], curves: dict[str, dict[float, Played]], 
     """Three maps with what is simulated and what is made of it; below, agreement against simulations."""
     wide, high, across, down, left, top = 384, 192, 424, 246, 50, 50
     with style():
-        sheet = Sheet(left + 3 * across, top + 3 * down + 540, 100)
+        layout = Layout(left + 3 * across, top + 3 * down + 540, 100)
         for row, name in enumerate(SHOWN):
             half, truth = curves[name][0.25], truths[name]
             titles = (
@@ -149,12 +149,12 @@ def draw(truths: dict[str, np.ndarray], curves: dict[str, dict[float, Played]], 
             )
             for column, (values, title) in enumerate(zip((truth, half.seen, fill(half.seen)), titles, strict=True)):
                 place = (left + column * across, top + row * down)
-                axes = sheet.axes(*place, wide, high)
+                axes = layout.axes(*place, wide, high)
                 colours = transient_colours(values, 100)
                 axes.imshow(colours, origin="lower", aspect="auto", interpolation="nearest")
                 axes.set(xticks=[], yticks=[])
-                sheet.text(place[0], place[1] - 10, title, fontsize=7)
-        axes = sheet.axes(left + 80, top + 3 * down + 20, 3 * across - 140, 440)
+                layout.text(place[0], place[1] - 10, title, fontsize=7)
+        axes = layout.axes(left + 80, top + 3 * down + 20, 3 * across - 140, 440)
         for name, curve in curves.items():
             points = sorted((p.simulated, p.agree) for p in curve.values() if p is not curve[-1.0])
             axes.plot(*zip(*points, strict=True), color=COLOURS[name], label=name, lw=1.4)
@@ -167,7 +167,7 @@ def draw(truths: dict[str, np.ndarray], curves: dict[str, dict[float, Played]], 
         axes.set_xticks(np.arange(0, 0.81, 0.1), [f"{p} %" for p in range(0, 81, 10)])
         axes.set_yticks(np.arange(0.75, 1.001, 0.05), [f"{p} %" for p in range(75, 101, 5)])
         axes.legend(title="Fig 11; dotted: by chance", title_fontsize=7, ncols=3, loc="lower right", frameon=False)
-        sheet.figure.savefig(path, dpi=140, metadata={"Software": None})
+        layout.figure.savefig(path, dpi=140, metadata={"Software": None})
 
 
 def main() -> None:

@@ -21,14 +21,14 @@ from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.figures.page import MUTED, style
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import gaussian
+from bow_sweep.figures.colours import transient_colours
+from bow_sweep.figures.layout import Layout, paint, percent
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.paper.claim import REPORT
 from bow_sweep.paper.claims_maps import CLAIMS
 from bow_sweep.paper.maps import LAYOUT
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.view.colours import transient_colours
-from bow_sweep.view.figure_layout import Sheet, paint, percent
 from tools.doc_page import put
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -194,19 +194,19 @@ def draw(found: Mapping[Variant, MapFile], path: Path) -> None:
     columns, wide, high, across, down = 4, 256, 128, 292, 196
     rows = -(-len(shown) // columns)
     with style():
-        sheet = Sheet(40 + columns * across, 70 + rows * down, 100)
-        sheet.text(30, 34, r"Transient length at $v_\mathrm{mid}$ = 0.2, axes as in Fig 11; black: never", fontsize=10)
+        layout = Layout(40 + columns * across, 70 + rows * down, 100)
+        layout.text(30, 34, r"Transient length at $v_\mathrm{mid}$ = 0.2, axes as in Fig 11; black: never", fontsize=10)
         for number, v in enumerate(shown):
             row, column = divmod(number, columns)
             left, top = 30 + column * across, 90 + row * down
-            axes = sheet.axes(left, top, wide, high)
+            axes = layout.axes(left, top, wide, high)
             paint(axes, found[v], transient_colours(found[v].transient_periods, found[v].periods))
             axes.set(xticks=[], yticks=[])
             axes.minorticks_off()
             name = f"B = {v.name}" if v.group == "stiffness" else v.name
-            sheet.text(left, top - 8, f"{v.model.replace('_cremer', '')}, {name}", fontsize=6.2)
-            sheet.text(left, top + high + 16, percent(found[v].helmholtz_fraction()), fontsize=5.5, color=MUTED)
-        sheet.figure.savefig(path, dpi=200, metadata={"Software": None})
+            layout.text(left, top - 8, f"{v.model.replace('_cremer', '')}, {name}", fontsize=6.2)
+            layout.text(left, top + high + 16, percent(found[v].helmholtz_fraction()), fontsize=5.5, color=MUTED)
+        layout.figure.savefig(path, dpi=200, metadata={"Software": None})
 
 
 def run(minutes: float, nx: int, ny: int, say: Callable[[str], None]) -> tuple[dict[Variant, MapFile], int]:

@@ -25,17 +25,17 @@ from bow_sim.figures.control import CONTOURS
 from bow_sim.figures.page import save, style
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.parameters import Parameters
+from bow_sweep.figures.colours import transient_colours
+from bow_sweep.figures.layout import Layout, paint
+from bow_sweep.figures.terrain import comparison, terrain_figure
 from bow_sweep.maps import playability as play
 from bow_sweep.maps import terrain as ground
+from bow_sweep.maps.compare import value_and_error
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.streaks import Alignment, alignment, contour_directions, streaks
 from bow_sweep.paper import claims_terrain
 from bow_sweep.paper.claim import Maps
 from bow_sweep.paper.maps import LAYOUT
-from bow_sweep.view.colours import transient_colours
-from bow_sweep.view.compare import text, value_and_error
-from bow_sweep.view.figure_layout import Sheet, paint
-from bow_sweep.view.terrain_figures import comparison, terrain_figure
 from studies.terrain_maps import DATA, compute, write_data
 from tools.doc_page import put
 
@@ -217,7 +217,7 @@ def angles(a: Alignment) -> list[str]:
 
 
 def number(measure: play.Measure, value: float | None, error: float | None, signed: bool = False) -> str:
-    return text(measure, value, error, signed).replace("-", "−")
+    return measure.text(value, error, signed).replace("-", "−")
 
 
 def playability_part(found: Mapping[str, Mapping[str, MapFile]]) -> list[str]:
@@ -268,11 +268,11 @@ def draw(maps: Mapping[str, MapFile], out: Path) -> None:
 def streak_figure(maps: Mapping[str, MapFile]) -> Figure:
     """(c) and (e) with the contours of Fig 12, and strokes along the streaks."""
     with style():
-        sheet = Sheet(2 * 900 + 60, 520, 200)
+        layout = Layout(2 * 900 + 60, 520, 200)
         for number_, k in enumerate("ce"):
             plane = maps[k]
             ny, nx = plane.shape
-            ax = sheet.axes(60 + number_ * 900, 70, 840, 420)
+            ax = layout.axes(60 + number_ * 900, 70, 840, 420)
             paint(ax, plane, transient_colours(plane.transient_periods, plane.periods))
             column = np.arange(nx) + 0.5
             for force in (*CONTOURS, *np.sqrt(np.array(CONTOURS[1:]) * np.array(CONTOURS[:-1]))):
@@ -291,7 +291,7 @@ def streak_figure(maps: Mapping[str, MapFile]) -> Figure:
             ax.set(xlim=(0, nx), ylim=(0, ny), xticks=[], yticks=[])
             ax.minorticks_off()
             ax.set_title(f"({k})  white: contours of initial force (Fig 12); red: streaks", loc="left", fontsize=8.5)
-    return sheet.figure
+    return layout.figure
 
 
 def page(found: Mapping[str, Mapping[str, MapFile]], nx: int, ny: int, seconds: float) -> str:

@@ -10,7 +10,7 @@ To add a regime:
 2. its rule in :mod:`bow_classifier.verdict.decision`, a new feature in `Features` if the rule needs one;
 3. a row of coefficients in :mod:`bow_classifier.verdict.confidence`, from ``python -m studies.verdicts --fit``, and
    records of it in ``tests/support/generator.py``;
-4. a colour in :mod:`bow_sweep.view.colours`.
+4. a colour in ``bow_sweep/view/colours.py``.
 """
 
 from __future__ import annotations

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bow_sim.figures.page import BLUE, MUTED, style
+from bow_sim.figures.page import BLUE, MUTED, check_path, save, style
+from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, transient_colours
+from bow_sweep.figures.layout import Layout, cell_pixels, label, paint, percent
+from bow_sweep.maps.compare import Compared
 from bow_sweep.maps.plane import Plane, terrain_label
 from bow_sweep.maps.playability import MEASURES, Measure
 from bow_sweep.maps.terrain import TERRAINS, UNKNOWN
-from bow_sweep.view.colours import BLACK, GREY, TERRAIN_COLOURS, transient_colours
-from bow_sweep.view.figure_layout import Sheet, cell_pixels, label, paint, percent
 
 PANEL_PIXELS = (640, 320)
 DPI = 200
@@ -32,6 +34,21 @@ def terrain_colours(codes: np.ndarray) -> np.ndarray:
     lookup = np.full((UNKNOWN + 1, 3), GREY, np.uint8)
     lookup[: len(TERRAIN_COLOURS)] = TERRAIN_COLOURS
     return lookup[codes]
+
+
+def draw_comparison(runs: Sequence[Compared], path: Path) -> None:
+    """Draw maps, terrain and playability of several runs into a file.
+
+    Raises
+    ------
+    FigureError
+        For another suffix than .png, .svg and .pdf.
+    OSError
+        Where the file cannot be written.
+    """
+    check_path(path)
+    panels = [(f"{each.name}   {each.title}", each.plane, each.codes) for each in runs]
+    save(comparison(panels, [each.name for each in runs], [each.numbers for each in runs]), path)
 
 
 def comparison(panels: Sequence[Panel], names: Sequence[str], numbers: Sequence[Mapping[str, Any]]) -> Figure:
@@ -53,36 +70,36 @@ def comparison(panels: Sequence[Panel], names: Sequence[str], numbers: Sequence[
     below = top + len(panels) * down + 135
     tall = PITCH * (len(panels) + 0.6)
     with style():
-        sheet = Sheet(left + 2 * across + 190, below + 2 * tall + 215, DPI)
-        sheet.text(left, 38, "Transient length", fontsize=11, fontweight="bold")
-        sheet.text(left + across, 38, "Terrain", fontsize=11, fontweight="bold")
+        layout = Layout(left + 2 * across + 190, below + 2 * tall + 215, DPI)
+        layout.text(left, 38, "Transient length", fontsize=11, fontweight="bold")
+        layout.text(left + across, 38, "Terrain", fontsize=11, fontweight="bold")
         for number, (title, plane, codes) in enumerate(panels):
             for column, colours in enumerate(
                 (transient_colours(plane.transient_periods, longest.periods), terrain_colours(codes))
             ):
-                ax = sheet.axes(left + column * across, top + number * down, *sizes[number])
+                ax = layout.axes(left + column * across, top + number * down, *sizes[number])
                 paint(ax, plane, colours)
                 label(ax, plane, "symbol" if number + 1 == len(panels) else "", "" if column else "symbol")
                 if column:
                     ax.set_yticklabels([])
-            sheet.text(left, top + number * down - 12, title, fontsize=7.5, color=MUTED)
-        _legends(sheet, longest, left + 2 * across - 5, top, height)
+            layout.text(left, top + number * down - 12, title, fontsize=7.5, color=MUTED)
+        _legends(layout, longest, left + 2 * across - 5, top, height)
         pitch = (2 * across - 40 + 30) / len(NUMBERS)
         for number, measure in enumerate(NUMBERS):
-            _dots(sheet, measure, numbers, names if not number else [], left + number * pitch, below, pitch - 30, tall)
-        _areas(sheet, names, numbers, left, below + tall + 125, 2 * across - 40, tall)
-    return sheet.figure
+            _dots(layout, measure, numbers, names if not number else [], left + number * pitch, below, pitch - 30, tall)
+        _areas(layout, names, numbers, left, below + tall + 125, 2 * across - 40, tall)
+    return layout.figure
 
 
-def _legends(sheet: Sheet, plane: Plane, left: float, top: float, height: float) -> None:
+def _legends(layout: Layout, plane: Plane, left: float, top: float, height: float) -> None:
     """Draw the colour bar of transient length, and black."""
-    sheet.length_bar(plane, left, top, 36, height - 62).set_ylabel("periods")
-    sheet.swatch(BLACK, left, top + height - 34, 36, 30)
-    sheet.text(left + 48, top + height - 18, "never", va="center")
+    layout.length_bar(plane, left, top, 36, height - 62).set_ylabel("periods")
+    layout.swatch(BLACK, left, top + height - 34, 36, 30)
+    layout.text(left + 48, top + height - 18, "never", va="center")
 
 
 def _dots(
-    sheet: Sheet,
+    layout: Layout,
     measure: Measure,
     numbers: Sequence[Mapping[str, Any]],
     names: Sequence[str],
@@ -92,7 +109,7 @@ def _dots(
     height: float,
 ) -> None:
     """Draw one measure of all runs, the first at the top, with error bars."""
-    ax = sheet.axes(left, top, width, height)
+    ax = layout.axes(left, top, width, height)
     scale = 100 if measure.unit == "%" else 1
     end = 0.0
     for row, run in enumerate(numbers):
@@ -114,7 +131,7 @@ def _dots(
 
 
 def _areas(
-    sheet: Sheet,
+    layout: Layout,
     names: Sequence[str],
     numbers: Sequence[Mapping[str, Any]],
     left: float,
@@ -123,7 +140,7 @@ def _areas(
     height: float,
 ) -> None:
     """Draw the areas of terrain as bars in parts, with their shares, and name the kinds below."""
-    ax = sheet.axes(left, top, width, height)
+    ax = layout.axes(left, top, width, height)
     for row, run in enumerate(numbers):
         start = 0.0
         for kind, colour in zip(TERRAINS, TERRAIN_COLOURS, strict=True):
@@ -137,7 +154,7 @@ def _areas(
     ax.set_yticks(range(len(names)), names, fontsize=7)
     ax.set_title("areas by terrain, shares of the plane", fontsize=8, loc="left")
     ax.spines[:].set_visible(False)
-    _kinds(sheet, left, top + height + 30, 7.5)
+    _kinds(layout, left, top + height + 30, 7.5)
 
 
 def terrain_figure(panels: Sequence[Panel]) -> Figure:
@@ -147,14 +164,14 @@ def terrain_figure(panels: Sequence[Panel]) -> Figure:
     left, top, across, down = 110.0, 60.0, width + 44, height + 80
     rows = -(-len(panels) // 2)
     with style():
-        sheet = Sheet(left + 4 * across + 110, top + rows * down + 130, DPI)
+        layout = Layout(left + 4 * across + 110, top + rows * down + 130, DPI)
         for number, (title, plane, codes) in enumerate(panels):
             row, column = divmod(number, 2)
             for side, colours in enumerate(
                 (transient_colours(plane.transient_periods, longest.periods), terrain_colours(codes))
             ):
                 at = left + (2 * column + side) * across + 40 * column
-                ax = sheet.axes(at, top + row * down, width, height)
+                ax = layout.axes(at, top + row * down, width, height)
                 paint(ax, plane, colours)
                 ax.tick_params(labelsize=7)
                 if column or side:
@@ -162,13 +179,13 @@ def terrain_figure(panels: Sequence[Panel]) -> Figure:
                 label(ax, plane, "symbol" if row + 1 == rows else "", "" if column or side else "symbol")
                 if not side:
                     ax.set_title(title, loc="left", fontsize=8.5)
-        _kinds(sheet, left, sheet.height - 60, 8.5)
-    return sheet.figure
+        _kinds(layout, left, layout.height - 60, 8.5)
+    return layout.figure
 
 
-def _kinds(sheet: Sheet, left: float, top: float, size: float) -> None:
+def _kinds(layout: Layout, left: float, top: float, size: float) -> None:
     """Name the kinds of terrain in a row, in letters of a size in points."""
     for kind, colour in zip(TERRAINS, TERRAIN_COLOURS, strict=True):
-        sheet.swatch(colour, left, top, 4 * size, 3.4 * size)
-        sheet.text(left + 5.5 * size, top + 1.7 * size, terrain_label(kind), va="center", fontsize=size)
+        layout.swatch(colour, left, top, 4 * size, 3.4 * size)
+        layout.text(left + 5.5 * size, top + 1.7 * size, terrain_label(kind), va="center", fontsize=size)
         left += (11 + 1.75 * len(terrain_label(kind))) * size

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map
 from bow_sweep.maps.plane import MODEL_NAMES
-from bow_sweep.maps.playability import MEASURES, Measure, playability
+from bow_sweep.maps.playability import MEASURES, playability
 from bow_sweep.maps.terrain import terrain
 
 SURE = 3.0
@@ -118,27 +117,6 @@ def notes(found: Sequence[Compared]) -> list[str]:
     return result
 
 
-def table(found: Sequence[Compared]) -> Table:
-    """Return the numbers as a table for a terminal, measures down and runs across; of two runs the difference too."""
-    shown = Table(title="playability; ± from the four interleaved grids of half the density", title_justify="left")
-    shown.add_column("measure")
-    for each in found:
-        shown.add_column(f"{each.name}\n{each.title}", justify="right")
-    if len(found) == 2:
-        shown.add_column("difference\n* is sure", justify="right")
-    for measure in MEASURES:
-        unit = f", {measure.unit}" if measure.unit else ""
-        row = [measure.title + unit]
-        row += [text(measure, *value_and_error(each.numbers, measure.name)) for each in found]
-        if len(found) == 2:
-            step, error = difference(found[0], found[1], measure.name)
-            row.append(
-                text(measure, step, error, signed=True) + (" *" if sure(found[0], found[1], measure.name) else "  ")
-            )
-        shown.add_row(*row)
-    return shown
-
-
 def sure(one: Compared, other: Compared, name: str) -> bool:
     """Whether a difference is greater than `SURE` errors, and shows at least half as great on grids half as fine.
 
@@ -149,15 +127,6 @@ def sure(one: Compared, other: Compared, name: str) -> bool:
         return False
     coarse = other.numbers[name]["half_grid"] - one.numbers[name]["half_grid"]
     return abs(step) > SURE * error and coarse * step >= step * step / 2
-
-
-def text(measure: Measure, value: float | None, error: float | None, signed: bool = False) -> str:
-    """Return a number with its error in the unit of its measure, without the unit."""
-    if value is None:
-        return "-"
-    scale, digits = (100, 1) if measure.unit == "%" else (1, 3 if not measure.unit else 1)
-    shown = f"{value * scale:{'+' if signed else ''}.{digits}f}"
-    return shown if error is None else f"{shown} ± {error * scale:.{digits}f}"
 
 
 def as_json(found: Sequence[Compared]) -> dict[str, Any]:
@@ -174,21 +143,3 @@ def as_json(found: Sequence[Compared]) -> dict[str, Any]:
             entry[measure.name] = {"value": step, "error": error, "sure": sure(found[0], each, measure.name)}
         steps.append(entry)
     return {"runs": runs, "differences": steps, "notes": notes(found)}
-
-
-def draw(found: Sequence[Compared], path: Path) -> None:
-    """Draw maps, terrain and numbers into a .png, .svg or .pdf.
-
-    Raises
-    ------
-    ValueError
-        For another suffix.
-    OSError
-        Where it cannot be written.
-    """
-    from bow_sim.figures.page import check_path, save
-    from bow_sweep.view.terrain_figures import comparison
-
-    check_path(path)
-    panels = [(f"{each.name}   {each.title}", each.plane, each.codes) for each in found]
-    save(comparison(panels, [each.name for each in found], [each.numbers for each in found]), path)

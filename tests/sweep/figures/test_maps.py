@@ -5,10 +5,11 @@ import pytest
 from example_maps import HELMHOLTZ, SLIP, map_file
 from PIL import Image
 
+from bow_sim.figures.page import FigureError
+from bow_sweep.figures import layout, maps
+from bow_sweep.figures.colours import BLACK, GREY, REGIME_COLOURS, transient_colours
+from bow_sweep.figures.maps import draw_map, draw_maps, draw_tests
 from bow_sweep.maps.map_file import MapFileError
-from bow_sweep.view import figure_layout, pictures
-from bow_sweep.view.colours import BLACK, GREY, REGIME_COLOURS, transient_colours
-from bow_sweep.view.map_figures import draw_map, draw_maps, draw_tests
 
 
 def cells(figure, axes: int, shape: tuple[int, int]) -> np.ndarray:
@@ -30,7 +31,7 @@ def cells(figure, axes: int, shape: tuple[int, int]) -> np.ndarray:
 )
 def test_every_cell_is_one_rectangle_of_its_colour(nx, ny, dpi):
     result = map_file(nx, ny, computed=nx * ny - nx // 2)
-    shown = cells(pictures.map_figure(result, dpi), 0, (ny, nx))
+    shown = cells(maps.map_figure(result, dpi), 0, (ny, nx))
     expected = transient_colours(result.transient_periods, 100)
     # the frame covers the outermost pixels
     core = shown[:, :, 1:-1, 1:-1] if min(shown.shape[2:4]) > 4 else shown[1:-1, 1:-1]
@@ -43,7 +44,7 @@ def test_every_cell_is_one_rectangle_of_its_colour(nx, ny, dpi):
 
 def test_never_is_black_not_computed_grey_and_y_points_up():
     result = map_file(computed=20)
-    centre = cells(pictures.map_figure(result, 200), 0, (4, 8))[:, :, 40, 40]
+    centre = cells(maps.map_figure(result, 200), 0, (4, 8))[:, :, 40, 40]
     assert (centre[1] == BLACK).all()
     assert (centre[3] == GREY).all()
     assert (centre[2, 4:] == GREY).all()
@@ -51,7 +52,7 @@ def test_never_is_black_not_computed_grey_and_y_points_up():
 
 
 def test_regimes_have_their_colours():
-    colours = pictures.regime_picture(map_file(computed=20))
+    colours = maps.regime_picture(map_file(computed=20))
     assert tuple(colours[0, 0]) == REGIME_COLOURS["helmholtz"]
     assert tuple(colours[1, 0]) == REGIME_COLOURS["multiple_slip"]
     assert tuple(colours[3, 0]) == GREY
@@ -59,14 +60,14 @@ def test_regimes_have_their_colours():
 
 
 def test_the_title_says_what_was_swept():
-    title, made = figure_layout.titles(map_file())
+    title, made = layout.titles(map_file())
     assert title == r"Stiff/Cremer string, $v_\mathrm{mid}$ = 0.2"
     assert made.startswith("8 \u00d7 4 gestures  \u00b7  100 periods each")
     assert "15/139" in made
 
 
 def test_a_swept_parameter_is_not_in_the_title():
-    assert "v_" not in figure_layout.titles(replace(map_file(), x_name="v_mid", x=np.linspace(-2, 0.9, 8)))[0]
+    assert "v_" not in layout.titles(replace(map_file(), x_name="v_mid", x=np.linspace(-2, 0.9, 8)))[0]
 
 
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
@@ -80,7 +81,7 @@ def test_the_suffix_chooses_the_kind_and_the_same_map_gives_the_same_bytes(tmp_p
 
 @pytest.mark.parametrize("name", ["map.gif", "map"])
 def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name):
-    with pytest.raises(MapFileError, match=r"should be \.png, \.svg, \.pdf"):
+    with pytest.raises(FigureError, match=r"should end in \.png, \.svg, \.pdf"):
         draw_map(map_file(), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
@@ -88,15 +89,15 @@ def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name):
 def test_the_tests_are_drawn_as_they_stood_after_so_many_periods(tmp_path):
     result = map_file(computed=20)
     layers = {name: getattr(result, name)[3] for name in ("correlation", "slips", "corners", "helmholtz")}
-    figure = pictures.tests_figure(result, layers, 20, 200)
+    figure = maps.tests_figure(result, layers, 20, 200)
     panels = [number for number, ax in enumerate(figure.axes) if ax.get_title(loc="left").startswith("(")]
     passed = cells(figure, panels[3], (4, 8))[:, :, 40, 40]
     assert (passed[0, :4] == 255).all()  # lengths 5 to 20
     assert (passed[0, 4:] == 0).all()
     assert (passed[3] == GREY).all()
     slips = cells(figure, panels[1], (4, 8))[:, :, 40, 40]
-    assert (slips[0] == pictures.layer_colours("slips", np.array(5))).all()
-    assert (slips[1] == pictures.layer_colours("slips", np.array(10))).all()
+    assert (slips[0] == maps.layer_colours("slips", np.array(5))).all()
+    assert (slips[1] == maps.layer_colours("slips", np.array(10))).all()
     draw_tests(result, tmp_path / "tests.png", 20)
     assert (tmp_path / "tests.png").stat().st_size > 10_000
 
@@ -118,5 +119,5 @@ def test_drawing_leaves_matplotlib_as_it_was():
     import matplotlib as mpl
 
     before = mpl.rcParams["font.size"]
-    pictures.map_figure(map_file(), 100)
+    maps.map_figure(map_file(), 100)
     assert mpl.rcParams["font.size"] == before

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from example_maps import basin_map
 
-from bow_sweep.view import colours as module
+from bow_sweep.figures import colours as module
 
 
 def test_the_sooner_the_brighter_and_black_and_grey_are_apart_from_all():

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bow_sim.figures.page import MUTED, style
+from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, PENDING, TEST_RANGES, WANTED, Plane, regime_label
-from bow_sweep.view.colours import BLACK, GREY, regime_colours, transient_colours, viridis
-from bow_sweep.view.figure_layout import Sheet, cell_pixels, label, lengths_of, paint, percent, titles
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.figures.colours import BLACK, GREY, regime_colours, transient_colours, viridis
+from bow_sweep.figures.layout import Layout, cell_pixels, label, lengths_of, paint, percent, titles
+from bow_sweep.maps.map_file import MapFile, MapFileError
+from bow_sweep.maps.plane import (
+    NEVER,
+    NOT_COMPUTED,
+    TEST_LAYERS,
+    TEST_RANGES,
+    WANTED,
+    Plane,
+    regime_label,
+)
 
 MAP_PIXELS = (1280, 640)
 """The map of the main picture: 6.4 by 3.2 inches, the paper's two to one."""
@@ -38,26 +49,26 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
         left, top = 155, 150
         below = top + height + 180
-        sheet = Sheet(left + width + 420, below + small[1] + 125, dpi)
+        layout = Layout(left + width + 420, below + small[1] + 125, dpi)
         title, made = titles(plane)
-        sheet.text(left, 62, title, fontsize=13, fontweight="bold")
-        sheet.text(left, 112, made, color=MUTED)
+        layout.text(left, 62, title, fontsize=13, fontweight="bold")
+        layout.text(left, 112, made, color=MUTED)
         share = f"Helmholtz motion in {percent(plane.helmholtz_fraction())} of the plane"
-        sheet.text(sheet.width - 40, 62, share, fontsize=9.5, ha="right")
-        ax = sheet.axes(left, top, width, height)
+        layout.text(layout.width - 40, 62, share, fontsize=9.5, ha="right")
+        ax = layout.axes(left, top, width, height)
         paint(ax, plane, transient_colours(plane.transient_periods, plane.periods))
         label(ax, plane, "full", "full")
-        _scale_with_counts(sheet, plane, left + width + 36, top, height)
+        _scale_with_counts(layout, plane, left + width + 36, top, height)
 
-        ax = sheet.axes(left, below, *small)
+        ax = layout.axes(left, below, *small)
         paint(ax, plane, regime_picture(plane))
         ax.set_title("Regime at the last test", loc="left", fontsize=9)
         label(ax, plane, "symbol", "symbol")
-        _regime_legend(sheet, plane, left + small[0] + 50, below)
+        _regime_legend(layout, plane, left + small[0] + 50, below)
         if plane.run_id:
             where = f"run {plane.run_id}  \u00b7  sweep {plane.sweep_id}"
-            sheet.text(sheet.width - 40, sheet.height - 20, where, fontsize=5.5, color="0.5", ha="right")
-    return sheet.figure
+            layout.text(layout.width - 40, layout.height - 20, where, fontsize=5.5, color="0.5", ha="right")
+    return layout.figure
 
 
 def regime_picture(plane: Plane) -> np.ndarray:
@@ -69,17 +80,17 @@ def regime_picture(plane: Plane) -> np.ndarray:
     return table[plane.regime]
 
 
-def _scale_with_counts(sheet: Sheet, plane: Plane, left: float, top: float, height: float) -> None:
+def _scale_with_counts(layout: Layout, plane: Plane, left: float, top: float, height: float) -> None:
     """Draw the colour bar, the number of cells at each length beside it, and black and grey below."""
     mask = plane.mask()
     extras = [("never", BLACK, NEVER), ("not computed", GREY, NOT_COMPUTED)]
     extras = [extra for extra in extras if extra[2] == NEVER or (mask == extra[2]).any()]
     box, gap = 34, 22
     tall = height - len(extras) * (box + gap)
-    bar = sheet.length_bar(plane, left, top, 44, tall)
+    bar = layout.length_bar(plane, left, top, 44, tall)
     lengths = lengths_of(plane)
     counts = np.array([(plane.transient_periods == length).sum() for length in lengths])
-    beside = sheet.axes(left + 172, top, 170, tall)
+    beside = layout.axes(left + 172, top, 170, tall)
     colours = transient_colours(lengths, plane.periods) / 255
     beside.barh(lengths, counts, CHUNK_PERIODS, color=colours, edgecolor="0.4", linewidth=0.2)
     beside.set_ylim(*bar.get_ylim())
@@ -93,11 +104,11 @@ def _scale_with_counts(sheet: Sheet, plane: Plane, left: float, top: float, heig
     beside.tick_params(axis="x", labelsize=7.5, pad=1)
     for row, (name, colour, code) in enumerate(extras):
         at = top + tall + gap + row * (box + gap)
-        sheet.swatch(colour, left, at, 44, box)
-        sheet.text(left + 58, at + box / 2, f"{name}  {percent((mask == code).mean())}", va="center")
+        layout.swatch(colour, left, at, 44, box)
+        layout.text(left + 58, at + box / 2, f"{name}  {percent((mask == code).mean())}", va="center")
 
 
-def _regime_legend(sheet: Sheet, plane: Plane, left: float, top: float) -> None:
+def _regime_legend(layout: Layout, plane: Plane, left: float, top: float) -> None:
     """List the regimes with their colours, numbers of cells and shares."""
     counts = plane.regime_counts()
     names = [*map(regime_label, plane.regime_names), "not computed"]
@@ -107,11 +118,11 @@ def _regime_legend(sheet: Sheet, plane: Plane, left: float, top: float) -> None:
     pitch = min(46.0, MAP_PIXELS[1] / 2 / max(len(rows), 1))
     for row, (name, colour, count) in enumerate(rows):
         at = top + row * pitch
-        sheet.swatch(colour, left, at, 0.65 * pitch, 0.65 * pitch)
+        layout.swatch(colour, left, at, 0.65 * pitch, 0.65 * pitch)
         middle = at + 0.33 * pitch
-        sheet.text(left + pitch, middle, name, va="center")
-        sheet.text(left + 430, middle, f"{count}", va="center", ha="right")
-        sheet.text(left + 570, middle, percent(count, plane.regime.size), va="center", ha="right")
+        layout.text(left + pitch, middle, name, va="center")
+        layout.text(left + 430, middle, f"{count}", va="center", ha="right")
+        layout.text(left + 570, middle, percent(count, plane.regime.size), va="center", ha="right")
 
 
 def layer_colours(name: str, values: np.ndarray) -> np.ndarray:
@@ -128,29 +139,29 @@ def tests_figure(plane: Plane, layers: Mapping[str, np.ndarray], periods: int, d
     with style():
         width, height = cell_pixels(plane, PANEL_PIXELS, dpi)
         left, top, across, down = 135.0, 185.0, width + 300, height + 165
-        sheet = Sheet(left + across + width + 190, top + down + height + 120, dpi)
+        layout = Layout(left + across + width + 190, top + down + height + 120, dpi)
         title, made = titles(plane)
-        sheet.text(left, 58, f"{title}: the tests after {periods} periods", fontsize=13, fontweight="bold")
-        sheet.text(left, 106, made, color=MUTED)
+        layout.text(left, 58, f"{title}: the tests after {periods} periods", fontsize=13, fontweight="bold")
+        layout.text(left, 106, made, color=MUTED)
         not_computed = plane.mask() == NOT_COMPUTED
         for number, (name, words) in enumerate(PANELS.items()):
             row, column = divmod(number, 2)
             at = (left + column * across, top + row * down)
-            ax = sheet.axes(*at, width, height)
+            ax = layout.axes(*at, width, height)
             if name == "helmholtz":
                 colours = np.where(np.asarray(layers[name], bool)[..., None], WHITE, BLACK).astype(np.uint8)
-                _pass_scale(sheet, at[0] + width + 28, at[1])
+                _pass_scale(layout, at[0] + width + 28, at[1])
             else:
                 colours = layer_colours(name, layers[name])
-                _layer_scale(sheet, name, at[0] + width + 28, at[1], height)
+                _layer_scale(layout, name, at[0] + width + 28, at[1], height)
             colours[not_computed] = GREY
             paint(ax, plane, colours)
             ax.set_title(f"({'abcd'[number]})  {words}", loc="left")
             label(ax, plane, "full" if row else "", "" if column else "symbol")
-    return sheet.figure
+    return layout.figure
 
 
-def _layer_scale(sheet: Sheet, name: str, left: float, top: float, height: float) -> None:
+def _layer_scale(layout: Layout, name: str, left: float, top: float, height: float) -> None:
     """Draw the colour bar of one test; what Helmholtz motion gives is in bold."""
     low, high = TEST_RANGES[name]
     if name == "correlation":
@@ -161,15 +172,15 @@ def _layer_scale(sheet: Sheet, name: str, left: float, top: float, height: float
         steps, ends = np.arange(low, high + 1), (low - 0.5, high + 0.5)
         ticks = [float(value) for value in np.arange(low, high + 1, 5)]
         texts = [f"{value:g}" for value in ticks[:-1]] + [rf"$\geq${ticks[-1]:g}"]
-    bar = sheet.bar(layer_colours(name, steps), ends, left, top, 36, height)
+    bar = layout.bar(layer_colours(name, steps), ends, left, top, 36, height)
     bar.set_yticks(ticks, texts)
     bar.get_yticklabels()[ticks.index(WANTED[name])].set_fontweight("bold")
 
 
-def _pass_scale(sheet: Sheet, left: float, top: float) -> None:
+def _pass_scale(layout: Layout, left: float, top: float) -> None:
     for row, (words, colour) in enumerate((("yes", WHITE), ("no", BLACK))):
-        sheet.swatch(colour, left, top + 48 * row, 36, 32)
-        sheet.text(left + 48, top + 48 * row + 16, words, va="center")
+        layout.swatch(colour, left, top + 48 * row, 36, 32)
+        layout.text(left + 48, top + 48 * row + 16, words, va="center")
 
 
 def maps_figure(planes: Sequence[tuple[str, Plane]], dpi: float) -> Figure:
@@ -181,16 +192,78 @@ def maps_figure(planes: Sequence[tuple[str, Plane]], dpi: float) -> Figure:
         left, top, across, down = 135.0, 70.0, width + 130, height + 115
         columns, rows = min(2, len(planes)), -(-len(planes) // 2)
         right, bottom = left + across * (columns - 1) + width, top + down * (rows - 1) + height
-        sheet = Sheet(right + 230, bottom + 110, dpi)
+        layout = Layout(right + 230, bottom + 110, dpi)
         for number, (title, plane) in enumerate(planes):
             row, column = divmod(number, 2)
-            ax = sheet.axes(left + column * across, top + row * down, *sizes[number])
+            ax = layout.axes(left + column * across, top + row * down, *sizes[number])
             paint(ax, plane, transient_colours(plane.transient_periods, longest.periods))
             ax.set_title(title, loc="left")
             ax.set_title(percent(plane.helmholtz_fraction()), loc="right", fontsize=8.5, color=MUTED)
             label(ax, plane, "full" if number + columns >= len(planes) else "", "" if column else "symbol")
         tall = min(bottom - top - 60, 900.0)
-        sheet.length_bar(longest, right + 45, top, 40, tall)
-        sheet.swatch(BLACK, right + 45, top + tall + 24, 40, 34)
-        sheet.text(right + 99, top + tall + 41, "never", va="center")
-    return sheet.figure
+        layout.length_bar(longest, right + 45, top, 40, tall)
+        layout.swatch(BLACK, right + 45, top + tall + 24, 40, 34)
+        layout.text(right + 99, top + tall + 41, "never", va="center")
+    return layout.figure
+
+
+def draw_map(plane: Plane, path: str | Path, dpi: float = 200) -> None:
+    """Draw transient length over the plane, in the manner of the paper's Fig 11, and the final regimes below.
+
+    Parameters
+    ----------
+    plane
+        A :class:`MapFile`, or a :class:`~bow_sweep.maps.plane.Snapshot` of a map that still grows.
+    path
+        Ends in .png, .svg or .pdf; replaced whole.
+    dpi
+        Dots an inch of a .png; every cell is a whole number of them wide and high.
+
+    Raises
+    ------
+    FigureError
+        For another suffix.
+    """
+    check_path(path)
+    save(map_figure(plane, dpi), path)
+
+
+def draw_tests(result: MapFile, path: str | Path, periods: int | None = None, dpi: float = 200) -> None:
+    """Draw the three tests and their verdict after `periods` (the end unless given): the paper's Fig 10.
+
+    Raises
+    ------
+    FigureError
+        For another suffix than .png, .svg and .pdf.
+    MapFileError
+        Where no test was made after `periods`.
+    """
+    check_path(path)
+    made = [int(length) for length in result.test_periods]
+    periods = made[-1] if periods is None else periods
+    if periods not in made:
+        raise MapFileError(f"periods = {periods}: no test was made then, but after {_listed(made)}")
+    index = made.index(periods)
+    layers = {name: getattr(result, name)[index] for name in (*TEST_LAYERS, "helmholtz")}
+    save(tests_figure(result, layers, periods, dpi), path)
+
+
+def draw_maps(planes: Iterable[tuple[str, Plane]], path: str | Path, dpi: float = 200) -> None:
+    """Draw several maps two abreast on one scale: the whole of the paper's Fig 11. Each comes with its title.
+
+    Raises
+    ------
+    FigureError
+        For another suffix than .png, .svg and .pdf.
+    MapFileError
+        For no maps.
+    """
+    check_path(path)
+    listed = list(planes)
+    if not listed:
+        raise MapFileError("no maps to draw: should be at least one")
+    save(maps_figure(listed, dpi), path)
+
+
+def _listed(numbers: list[int]) -> str:
+    return ", ".join(map(str, numbers if len(numbers) < 8 else [*numbers[:3], "...", numbers[-1]]))

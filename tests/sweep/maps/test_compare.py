@@ -13,10 +13,10 @@ from matplotlib.image import imread
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sweep.cli import main
 from bow_sweep.maps.basin_map import Basin
+from bow_sweep.maps.compare import compare, difference, names, notes, sure
 from bow_sweep.maps.map_file import MapFile, write_map_npz
 from bow_sweep.maps.playability import MEASURES, playability
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.view.compare import compare, difference, names, notes, sure
 
 NX, NY = 64, 32
 HELMHOLTZ = REGIMES.index("helmholtz")

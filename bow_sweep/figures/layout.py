@@ -15,14 +15,14 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedFormatter, FixedLocator
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.figures.colours import transient_colours
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
-from bow_sweep.view.colours import transient_colours
 
 UNIT_DPI = 200
-"""Lengths on a sheet are pixels at this resolution."""
+"""Lengths on a layout are pixels at this resolution."""
 
 
-class Sheet:
+class Layout:
     """A figure laid out in pixels from its top left corner."""
 
     def __init__(self, width: float, height: float, dpi: float) -> None:
