@@ -79,9 +79,9 @@ def draw_maps(number: int, runs: list[Path], out: Path) -> None:
     MapFileError
         Where they are not the runs that the figure needs.
     """
+    from bow_sweep.figures.maps import draw_maps, draw_tests
     from bow_sweep.maps.map_file import MapFileError, read_map
     from bow_sweep.paper.maps import FIG10_PERIODS, LAYOUT, recognise
-    from bow_sweep.view.map_figures import draw_maps, draw_tests
 
     if number == 10:
         if len(runs) != 1:

@@ -15,7 +15,7 @@ from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
-from bow_sweep.plan.sweep import presets
+from bow_sweep.plan.presets import presets
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, QUARANTINED, USAGE
 from bow_sweep.run.campaign import campaigns
 from bow_sweep.view.wanted import Wanted, WantedError, wanted

@@ -74,8 +74,8 @@ def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, 
 def chunks_in_order(survey: Survey, task: Task) -> Iterator[Key]:
     """Yield the chunks whose two messages are stored; of each block those before the first incomplete chunk."""
     force, slip = (survey.places[topic] for topic in ("bridge_force", "stick_slip"))
-    for block in range(task.blocks):
-        for chunk in range(task.chunks):
+    for block in range(task.outline.blocks):
+        for chunk in range(task.outline.chunks):
             if (block, chunk) not in force or (block, chunk) not in slip:
                 break
             yield block, chunk
@@ -86,7 +86,7 @@ class _Graph:
 
     def __init__(self, survey: Survey, task: Task, chunks: Chunks, logs: Path, interrupts: Interrupts) -> None:
         self.survey, self.task, self.chunks, self.interrupts = survey, task, chunks, interrupts
-        self.namespace = f"/bow/replay_{task.run_id}_{random_id()[:8]}"
+        self.namespace = f"/bow/replay_{task.outline.run_id}_{random_id()[:8]}"
         self.supervisor = Supervisor(self.namespace, logs, {})
         self.context = rclpy.Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
@@ -95,7 +95,7 @@ class _Graph:
         self.health = Health()
         self._hello_at = 0.0
         self.answers: deque[bytes] = deque()
-        self.states = np.zeros(task.blocks, np.uint8)
+        self.states = np.zeros(task.outline.blocks, np.uint8)
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
@@ -105,7 +105,7 @@ class _Graph:
 
     def _node(self, role: str) -> BowNode:
         node = BowNode(role, namespace=self.namespace, context=self.context)
-        node.become(Health.READY, "replays a bag", self.task.run_id)
+        node.become(Health.READY, "replays a bag", self.task.outline.run_id)
         self.executor.add_node(node)
         return node
 
@@ -168,7 +168,7 @@ class _Graph:
     def verdicts(self) -> Iterator[tuple[Key, dict[str, Any]]]:
         """Yield the fields of Verdicts of each chunk."""
         todo = chunks_in_order(self.survey, self.task)
-        left = np.zeros(self.task.blocks, int)
+        left = np.zeros(self.task.outline.blocks, int)
         for block, _ in chunks_in_order(self.survey, self.task):
             left[block] += 1
         under_way: dict[Key, int] = {}  # chunk -> bytes sent

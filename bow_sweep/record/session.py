@@ -21,11 +21,11 @@ from bow_sim.atomic_files import sync_directory
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import PlanState, ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError, BagWriter
 from bow_sweep.record.bag_contents import RunIdentity
 from bow_sweep.record.deduplication import Answer, StoredMessages
 from bow_sweep.record.disk import DiskSync
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.inspection import Inspection
 from bow_sweep.record.notes import HOW, note
 from bow_sweep.record.recover import repair
@@ -106,7 +106,7 @@ class Session:
         lock: bool = True,
     ) -> None:
         self.directory = directory
-        self.expected = Expected.of(plan)
+        self.expected = SweepOutline.of(plan)
         self.stored = StoredMessages()
         self.names = dict(names)
         self.incarnation = incarnation
@@ -174,7 +174,7 @@ class Session:
     def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
         """Take in a plan of this run. A closing one is kept until the end: it is the last message of the bag."""
         try:
-            self.expected = self.expected.grown(plan)
+            self.expected = self.expected.grown(plan["rounds"])
         except ParameterError as error:
             self.ignored += 1
             self.complaints[f"plan: {error}"] += 1
@@ -206,7 +206,7 @@ class Session:
 
     def _once(self, topic: str, data: bytes) -> bool:
         """Check and answer a message that is stored once; return whether it has to be stored."""
-        values = self.expected.check(STORED_ONCE[topic], data)
+        values = self.expected.unseal(STORED_ONCE[topic], data)
         self.senders.add((topic, values["incarnation"]))
         block, chunk, attempt, checksum = (values[name] for name in ("block", "chunk", "attempt", "checksum"))
         known = self.stored.checksum(topic, block, chunk)

@@ -158,7 +158,7 @@ def test_transient_length_is_the_first_test_passed_and_a_later_failure_does_not_
 
 def test_a_disk_that_does_not_take_the_results_is_named_with_what_to_do(tmp_path: Path) -> None:
     what = r"No space left on device; every block is done and in the bag: make room, then resume"
-    with pytest.raises(RuntimeError, match=what), writing(tmp_path, RuntimeError):
+    with pytest.raises(RunError, match=what), writing(tmp_path):
         raise OSError(28, "No space left on device", "map.png")
 
 
