@@ -30,6 +30,7 @@ from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import LIMIT, Window
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import CONSUMERS, DEAF_S, FIRST_HELLO_S, HELLO_S, Neighbour
+from bow_sim.protocol.states import ReceiptKind
 
 HELP = """
 usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p credit:=8 -p inspect:=[0,77]]
@@ -190,8 +191,8 @@ class SimulatorNode(BowNode):
         now = time.monotonic()
         with self._lock:
             for block, chunk, kind in zip(blocks, chunks, kinds, strict=True):
-                if kind != cdr.RECEIPT_BLOCK:
-                    judged = kind == cdr.RECEIPT_VERDICTS
+                if kind != ReceiptKind.BLOCK:
+                    judged = kind == ReceiptKind.VERDICTS
                     self._window.answered((block, chunk), now, receipted=not judged, judged=judged)
             self._lock.notify_all()
 

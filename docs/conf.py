@@ -9,7 +9,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 project = "bow"
 author = "the authors of bow"
-copyright = "the authors of bow, Apache-2.0"  # noqa: A001 - Sphinx's name
+copyright = "the authors of bow, Apache-2.0"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpydoc", "generated_reference"]
 exclude_patterns = ["_build"]
 # `type` in an annotation like type[Exception] is also the name of two fields here.

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-OPEN, CLOSED = 1, 2
-"""Plan.state."""
+from bow_sim.protocol.states import PlanState
 
 
 class Authority:
@@ -34,7 +33,7 @@ class Authority:
         if self.run_id == run_id:
             if epoch < self.epoch or (epoch == self.epoch and owner != self.owner):
                 why = f"epoch {epoch} of coordinator {owner or '?'}: epoch {self.epoch} of {self.owner} is in charge"
-        elif self.run_id and plan["state"] != OPEN:
+        elif self.run_id and plan["state"] != PlanState.OPEN:
             why = f"it closes run {run_id}, run {self.run_id} is in progress"
         elif epoch <= self._closed.get(run_id, -1):
             why = f"run {run_id} is over"
@@ -43,7 +42,7 @@ class Authority:
         if why:
             return why
         self.run_id, self.owner, self.epoch = run_id, owner, epoch
-        if plan["state"] != OPEN:
+        if plan["state"] != PlanState.OPEN:
             self._closed[run_id] = epoch
             self.release()
         return ""

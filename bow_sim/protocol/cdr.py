@@ -21,14 +21,12 @@ import numpy as np
 import xxhash
 
 from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, is_sealed
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
 __all__ = [
     "ENCAPSULATION",
     "FIELDS",
     "INTERVAL_FIELDS",
-    "RECEIPT_BLOCK",
-    "RECEIPT_STREAMS",
-    "RECEIPT_VERDICTS",
     "SHORT_TEXT",
     "SLACK",
     "Buffer",
@@ -55,9 +53,6 @@ SLACK = 32
 
 INTERVAL_FIELDS = ("slipping", "offsets", "onset", "duration", "slip")
 """What StickSlip says of a chunk beyond where it is."""
-
-RECEIPT_STREAMS, RECEIPT_VERDICTS, RECEIPT_BLOCK = 0, 1, 2
-"""Receipt.kind: both stream messages of a chunk; the verdicts on a chunk; all of a block, seen on the disk."""
 
 
 class WireError(ValueError):
@@ -359,7 +354,7 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
         _check_intervals(values)
         lengths = {"slipping": cells, "offsets": cells + 1}
     elif name == "Verdicts":
-        lengths = dict.fromkeys(("correlation", "period", "slips", "corners", "regime", "confidence"), cells)
+        lengths = dict.fromkeys(VERDICT_FIELDS, cells)
     for field, length in lengths.items():
         if len(values[field]) != length:
             raise WireError(f"{name}.{field}: {len(values[field])} values for {cells} cells, should be {length}")

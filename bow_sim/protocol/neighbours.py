@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bow_sim.protocol.states import NodeState
+
 SILENT_S = 6.0
 """A node whose heartbeat, once a second, does not come for this long is taken for gone."""
 
@@ -34,9 +36,6 @@ LONGEST_STEP_S = 1.0
 
 MOST_LEFT = 1000
 """Nodes remembered that have gone."""
-
-STARTING, READY, BUSY, CLOSED, DEAD, FAILED = range(6)
-"""Health.state."""
 
 CONSUMERS = ("recorder", "classifier")
 """Roles of the nodes that take the streams whole: everybody waits for them."""
@@ -94,7 +93,7 @@ class Neighbour:
     number: int = 0
     """Of the heartbeat."""
     run_id: str = ""
-    state: int = STARTING
+    state: int = NodeState.STARTING
     detail: str = ""
     hears: frozenset[str] = frozenset()
     """What arrives there from us: topics, and "health"."""
@@ -142,7 +141,7 @@ class Neighbours:
 
     def take(self, message: Any, now: float) -> Neighbour | None:
         """Take in a heartbeat (Health) that is no old one; return the node, or None where it has gone."""
-        if message.state == DEAD:
+        if message.state == NodeState.DEAD:
             for incarnation, known in list(self._known.items()):
                 if (known.host, known.pid) == (message.host, message.pid):
                     self.forget(incarnation)
@@ -150,7 +149,7 @@ class Neighbours:
         incarnation = message.incarnation
         if not incarnation or incarnation == self._own:
             return None
-        if message.state == CLOSED and message.detail == LEFT:
+        if message.state == NodeState.CLOSED and message.detail == LEFT:
             self.forget(incarnation)
             self._left.append(incarnation)
             return None

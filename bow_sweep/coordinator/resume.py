@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,13 +18,12 @@ import numpy as np
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState
 from bow_sweep.maps.map_file import MAP
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.bag_contents import Survey
-from bow_sweep.record.expected import QUARANTINED
-from bow_sweep.record.inspection import Identity
-from bow_sweep.record.recover import LockedError, locked, repair
+from bow_sweep.record.bag_contents import RunIdentity, Survey
+from bow_sweep.record.recover import repair
 from bow_sweep.run.directory import (
     PICTURE,
     REPORT,
@@ -33,12 +31,12 @@ from bow_sweep.run.directory import (
     RunError,
     blocks_of,
     digest,
-    lock,
     planned,
     round_entry,
     sweep_of,
 )
 from bow_sweep.run.ledger_file import LEDGER, Reading, latest_states, read_leniently, set_ledger_aside, write_ledger
+from bow_sweep.run.lock import LockedError, LockError, locked
 
 Say = Callable[[str], None]
 """Takes a line for people."""
@@ -85,20 +83,12 @@ def prepare(directory: Path, say: Say = lambda _: None, locks: bool = True) -> P
     if not directory.is_dir():
         raise RunError(f"{directory / LEDGER}: no such directory; a run directory of `bow sweep` holds one")
     try:
-        with _coordinators_lock(directory, locks):
+        with locked(directory, "coordinator", locks):
             return _prepare(directory, say, locks)
+    except LockError as error:
+        raise RunError(str(error)) from None
     except OSError as error:
         raise RunError(f"{error.filename or directory}: {error.strerror or error}") from None
-
-
-@contextmanager
-def _coordinators_lock(directory: Path, locks: bool) -> Iterator[None]:
-    descriptor = lock(directory, "coordinator") if locks else -1
-    try:
-        yield
-    finally:
-        if descriptor >= 0:
-            os.close(descriptor)
 
 
 def resume(directory: Path, say: Say = lambda _: None, locks: bool = True) -> tuple[Run, dict[str, np.ndarray] | None]:
@@ -136,17 +126,17 @@ def _prepare(directory: Path, say: Say, locks: bool) -> Prepared:
 def _bag(directory: Path, reading: Reading, say: Say, locks: bool) -> Survey:
     """Repair the bag and say what was done; one that a recorder is writing is read as it is."""
     plan = reading.entries[0] if reading.planned else None
-    identity: Identity | None = (plan["run_id"], plan["sweep_id"]) if plan else None
+    identity = RunIdentity(plan["run_id"], plan["sweep_id"]) if plan else None
     bag = directory / FOLDER
     try:
         try:
-            with locked(directory, locks):
+            with locked(directory, "recorder", locks):
                 report, found = repair(bag, identity, resuming=True)
                 _sync(bag)
         except LockedError:  # the recorder of a graph whose coordinator was started again
             survey = Survey(bag).read()
-            if identity and survey.said and survey.said != identity:
-                raise BagError(f"{bag}: holds run {survey.said[0]}, this is run {identity[0]}") from None
+            if identity and survey.identity and survey.identity != identity:
+                raise BagError(f"{bag}: holds run {survey.identity.run_id}, this is run {identity.run_id}") from None
             _sync(bag)
             return survey
     except BagError as error:
@@ -175,7 +165,7 @@ def _sync(bag: Path) -> None:
             os.fdatasync(file.fileno())
 
 
-def _remedy(directory: Path, identity: Identity | None) -> str:
+def _remedy(directory: Path, identity: RunIdentity | None) -> str:
     if identity is None:
         return "Then resume it again"
     return (
@@ -230,7 +220,7 @@ def _from_bag(path: Path, entries: Sequence[dict[str, Any]], survey: Survey, pro
     sweep = sweep_of(first, path)
     rest = [entry for entry in entries if entry.get("event") not in ("planned", "round")]
     said = {entry["block"] for entry in rest if entry.get("event") in ("quarantined", "reopened")}
-    given_up = np.flatnonzero(plan["block_states"] == QUARANTINED).tolist()
+    given_up = np.flatnonzero(plan["block_states"] == BlockState.QUARANTINED).tolist()
     why = "given up before, as the plan in the bag says"
     rest += [{"event": "quarantined", "block": block, "why": why} for block in given_up if block not in said]
     return [first, *rest], sweep

@@ -23,11 +23,12 @@ from bow_sim.graph.node_base import STREAM, BowNode, RCLError, live
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
+from bow_sim.protocol.states import PlanState
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.expected import CLOSED, OPEN, Expected
-from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Qos, Topic
+from bow_sweep.run.lock import LockedError, LockError
 
 HELP = """
 usage: ros2 run bow recorder [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
@@ -166,7 +167,7 @@ class RecorderNode(BowNode):
         self._waiting = None
         if (plan["run_id"], plan["epoch"]) == self._done_with:
             self._authority.release()
-            self.health.ignored += plan["state"] == OPEN
+            self.health.ignored += plan["state"] == PlanState.OPEN
             return
         self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
         self._open()
@@ -184,9 +185,9 @@ class RecorderNode(BowNode):
             return
         self._waiting = None
         try:
-            Expected.of(plan)  # before its run_id names a directory
+            SweepOutline.of(plan)  # before its run_id names a directory
             directory = self._run_dir or self._runs_dir / run
-            if plan["state"] == CLOSED and not (directory / FOLDER).is_dir():
+            if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # over before we came
             session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)
@@ -196,7 +197,7 @@ class RecorderNode(BowNode):
         except AlreadyClosedError as error:
             self._done_with = (run, plan["epoch"])
             self.become(Health.CLOSED, str(error), run)
-        except (BagError, OSError, ValueError, LookupError) as error:
+        except (BagError, LockError, OSError, ValueError, LookupError) as error:
             self._done_with = (run, plan["epoch"])
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
             self.become(Health.FAILED, f"cannot record: {error}", run)
@@ -229,7 +230,7 @@ class RecorderNode(BowNode):
             return
         if self.awake.now() - self._last_said >= AGAIN_S:
             self._last_said = self.awake.now()
-            session.say_again()
+            session.repeat_receipts()
         self._commit(session)
         self._look(session)
         self._publish()
@@ -251,7 +252,7 @@ class RecorderNode(BowNode):
 
     def _count(self, session: Session) -> None:
         self.health.messages, self.health.bytes = session.messages, session.bytes
-        self.health.duplicates = session.inventory.duplicates
+        self.health.duplicates = session.stored.duplicates
         self.health.ignored, self._counted = self.health.ignored + session.ignored - self._counted, session.ignored
 
     def _commit(self, session: Session) -> None:

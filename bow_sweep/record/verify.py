@@ -13,11 +13,11 @@ import numpy as np
 
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol.cdr import RECEIPT_BLOCK, RECEIPT_STREAMS, RECEIPT_VERDICTS
+from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.plan.adaptive import next_round, within_budget
 from bow_sweep.record.bag import FOLDER, BagError, bag_of
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
-from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED, Expected
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.replay import differing, rejudge, task_of
 from bow_sweep.record.verify_files import Beside, transient_lengths
@@ -84,7 +84,7 @@ def account(survey: Survey, run_directory: Path, judge: bool, progress: Progress
 class _Accounts:
     """Holds what a survey found against the plan and against itself."""
 
-    def __init__(self, survey: Survey, expected: Expected) -> None:
+    def __init__(self, survey: Survey, expected: SweepOutline) -> None:
         self.survey, self.expected, self.problem = survey, expected, survey.problem
         self.notes: list[str] = []
         states = survey.plan["block_states"].tolist()
@@ -97,7 +97,7 @@ class _Accounts:
     def all(self, run_directory: Path, progress: Progress | None, judge: bool) -> dict[str, Any]:
         """Check everything; return the counts."""
         expected, survey = self.expected, self.survey
-        if survey.plan["state"] != CLOSED:
+        if survey.plan["state"] != PlanState.CLOSED:
             self.problem("the last plan is open: the run is not finished, or its end was cut out")
         for block in range(expected.blocks):
             self._block(block)
@@ -107,7 +107,7 @@ class _Accounts:
         done = expected.planned.cells_of(np.flatnonzero(self.complete))
         self._rounds(done)
         sizes = np.array([expected.planned.size(block) for block in range(expected.blocks)])
-        quarantined = np.array([state == QUARANTINED for state in self.states])
+        quarantined = np.array([state == BlockState.QUARANTINED for state in self.states])
         counts = {
             "run": expected.run_id,
             "sweep": expected.sweep_id,
@@ -133,7 +133,7 @@ class _Accounts:
     def _block(self, block: int) -> None:
         """Every chunk of a block is there, with its verdicts on the very bytes that are stored."""
         survey, state = self.survey, self.states[block]
-        if state == QUARANTINED:
+        if state == BlockState.QUARANTINED:
             return
         missing = 0
         for chunk in range(self.expected.chunks):
@@ -141,12 +141,12 @@ class _Accounts:
             stored: dict[str, Any] = {**survey.places, "verdicts": survey.verdicts}
             lacking = [topic for topic, places in stored.items() if key not in places]
             missing += bool(lacking)
-            if lacking and state == DONE:
+            if lacking and state == BlockState.DONE:
                 self.problem("missing", block=block, chunk=chunk, topics=lacking)
             self._agree(key)
-        if state != DONE:
+        if state != BlockState.DONE:
             self.problem(f"outstanding: {missing} of {self.expected.chunks} chunks are not complete", block=block)
-        self.complete[block] = state == DONE and not missing
+        self.complete[block] = state == BlockState.DONE and not missing
 
     def _agree(self, key: Key) -> None:
         whole, verdict = self.survey.chunk_checksum(key), self.survey.verdicts.get(key)
@@ -162,7 +162,10 @@ class _Accounts:
         keys = survey.places["bridge_force"].keys() | survey.verdicts.keys()
         for key in sorted(keys):
             verdict = survey.verdicts.get(key)
-            stored = {RECEIPT_STREAMS: survey.chunk_checksum(key), RECEIPT_VERDICTS: verdict and verdict.checksum}
+            stored: dict[int, int | None] = {
+                ReceiptKind.STREAMS: survey.chunk_checksum(key),
+                ReceiptKind.VERDICTS: verdict and verdict.checksum,
+            }
             for kind, checksum in stored.items():
                 receipted = survey.receipts.get((kind, *key), set())
                 if checksum is not None and receipted != {checksum}:
@@ -170,17 +173,17 @@ class _Accounts:
                     what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {said}"
                     self.problem(what, block=key[0], chunk=key[1])
         for kind, block, chunk in sorted(survey.receipts):
-            there = {
-                RECEIPT_STREAMS: survey.chunk_checksum((block, chunk)) is not None,
-                RECEIPT_VERDICTS: (block, chunk) in survey.verdicts,
-                RECEIPT_BLOCK: block < self.expected.blocks and (self.complete[block] or not survey.lacks(block)),
+            there: dict[int, bool] = {
+                ReceiptKind.STREAMS: survey.chunk_checksum((block, chunk)) is not None,
+                ReceiptKind.VERDICTS: (block, chunk) in survey.verdicts,
+                ReceiptKind.BLOCK: block < self.expected.blocks and (self.complete[block] or not survey.lacks(block)),
             }
-            lost = bool(survey.noted) and block < self.expected.blocks and self.states[block] != DONE
+            lost = bool(survey.noted) and block < self.expected.blocks and self.states[block] != BlockState.DONE
             if not (there.get(kind) or lost):
                 self.problem(f"{_KINDS.get(kind, kind)} receipted, not stored", block=block, chunk=chunk)
         if survey.version >= RECEIPTS_BLOCKS:
             for block in np.flatnonzero(self.complete).tolist():
-                if (RECEIPT_BLOCK, block, 0) not in survey.receipts:
+                if (ReceiptKind.BLOCK, block, 0) not in survey.receipts:
                     self.problem("nothing says that it came to the disk", block=block)
 
     # ---- the verdicts again
@@ -199,11 +202,11 @@ class _Accounts:
                 "verdicts are compared, their hash is not"
             )
         with Chunks() as chunks:
-            for block in range(task.blocks):
-                if self.states[block] != QUARANTINED:
+            for block in range(task.outline.blocks):
+                if self.states[block] != BlockState.QUARANTINED:
                     self._judge_block(task, block, chunks)
                 if progress is not None:
-                    progress(SCAN_SHARE * task.blocks + (1 - SCAN_SHARE) * (block + 1), task.blocks)
+                    progress(SCAN_SHARE * task.outline.blocks + (1 - SCAN_SHARE) * (block + 1), task.outline.blocks)
 
     def _judge_block(self, task: Any, block: int, chunks: Chunks) -> None:
         try:
@@ -237,4 +240,8 @@ class _Accounts:
             tried[cells] = True
 
 
-_KINDS = {RECEIPT_STREAMS: "streams", RECEIPT_VERDICTS: "verdicts", RECEIPT_BLOCK: "the whole block"}
+_KINDS: dict[int, str] = {
+    ReceiptKind.STREAMS: "streams",
+    ReceiptKind.VERDICTS: "verdicts",
+    ReceiptKind.BLOCK: "the whole block",
+}

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from bow_sim.protocol.cdr import RECEIPT_BLOCK, RECEIPT_VERDICTS
+from bow_sim.protocol.states import ReceiptKind
 
 
 class State(Enum):
     """Where a block is."""
 
     DUE = "due"
-    OUT = "out"
+    DISPATCHED = "dispatched"
     DONE = "done"
     QUARANTINED = "quarantined"
 
@@ -110,7 +110,9 @@ Event = (
 
 def receipted(kind: int, block: int, chunk: int, checksum: int) -> Event:
     """Return the event that an entry of a receipt is, `kind` as the message has it."""
-    return OnDisk(block) if kind == RECEIPT_BLOCK else Receipted(block, chunk, checksum, kind == RECEIPT_VERDICTS)
+    return (
+        OnDisk(block) if kind == ReceiptKind.BLOCK else Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS)
+    )
 
 
 # ---- instructions, to be carried out in order

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from outlines import outline
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
@@ -24,11 +25,11 @@ from bow_sim.kernel.block import Block
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
-from bow_sim.protocol.neighbours import BUSY
-from bow_sweep.coordinator.results import load_basin, map_of, playability_of
+from bow_sim.protocol.states import BlockState, NodeState, PlanState
+from bow_sweep.coordinator.results import basin_of, map_of, playability_of
 from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.expected import CLOSED, DONE, OPEN, QUARANTINED
+from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.session import Session
 from bow_sweep.record.topics import STORED_ONCE, TOPICS
 from bow_sweep.run.directory import Run
@@ -60,7 +61,7 @@ class Chunk:
 
 def plan(
     sweep: Sweep,
-    state: int = OPEN,
+    state: int = PlanState.OPEN,
     epoch: int = 1,
     states: Any = None,
     run: str = RUN,
@@ -95,7 +96,7 @@ def chunks(
     cells = blocks.block(block)
     string = Block(sweep.parameters, sweep.lanes(cells))
     classifier = Classifier("c" * 16)
-    classifier.open(Task.from_settings(run, sweep.sweep_id, sweep.settings(), blocks.announce()))
+    classifier.open(Task.of(outline(run, sweep.sweep_id, sweep.settings(), blocks.announce())))
     out = []
     for chunk in range(sweep.chunks):
         result = string.advance()
@@ -134,7 +135,7 @@ def session(directory: Path, sweep: Sweep, epoch: int = 1) -> Session:
 
 def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:
     """Close a session with a plan on which every block is done."""
-    data = plan(sweep, CLOSED, epoch, np.full(sweep.blocks, DONE, np.uint8))
+    data = plan(sweep, PlanState.CLOSED, epoch, np.full(sweep.blocks, BlockState.DONE, np.uint8))
     open_session.plan(cdr.decode("Plan", data), data, time.time_ns())
     open_session.close(time.time_ns())
 
@@ -147,7 +148,7 @@ def leave_all(directory: Path, sweep: Sweep, quarantined: Collection[int] = ()) 
         run.record([{"event": "dispatched", "block": number, "attempt": 1}])
         run.record([{"event": block.state.value, "block": number, "why": "poison"}])
     run.quarantined = dict.fromkeys(quarantined, "poison")
-    basin = load_basin(directory, sweep)
+    basin = basin_of(load_verdicts(directory), sweep)
     write_map_npz(directory / MAP, map_of(run, basin))
     run.report(basin, 1.0, {"playability": playability_of(run, basin)})
     run.close()
@@ -212,7 +213,7 @@ class Graph:
     def publish(self, topic: str, data: bytes) -> None:
         if topic == "plan":  # as its coordinator, which is there and works for the run
             plan = {**cdr.decode("Plan", data), "incarnation": self.node.incarnation}
-            self.node.become(BUSY, "", plan["run_id"])
+            self.node.become(NodeState.BUSY, "", plan["run_id"])
             data = cdr.encode("Plan", plan)
         self.publishers[topic].publish(data)
 
@@ -305,7 +306,7 @@ def quarantined_run(run: Path) -> None:
         head = cdr.decode_head(STORED_ONCE[topic], data)
         if head["block"] != 1 or head["chunk"] == 0:
             made.take(topic, data, time.time_ns())
-    states = np.array([DONE, QUARANTINED, DONE], np.uint8)
-    message = plan(sweep, CLOSED, states=states)
+    states = np.array([BlockState.DONE, BlockState.QUARANTINED, BlockState.DONE], np.uint8)
+    message = plan(sweep, PlanState.CLOSED, states=states)
     made.plan(cdr.decode("Plan", message), message, time.time_ns())
     made.close(time.time_ns())

@@ -17,12 +17,12 @@ import recording
 from bow_classifier.stream import Classifier
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
 from bow_sweep.coordinator.results import basin_of, map_of, playability_of
 from bow_sweep.coordinator.resume import resume
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.expected import CLOSED, DONE, OPEN, QUARANTINED
 from bow_sweep.record.session import Session
 from bow_sweep.run.directory import PICTURE, Run
 from bow_sweep.run.ledger import (
@@ -38,7 +38,7 @@ from bow_sweep.run.ledger import (
     State,
 )
 
-STATES = {State.DONE: DONE, State.QUARANTINED: QUARANTINED}
+STATES = {State.DONE: BlockState.DONE, State.QUARANTINED: BlockState.QUARANTINED}
 Snapshot = dict[str, bytes]
 """Path in the run directory -> content."""
 
@@ -95,7 +95,7 @@ class SmallGraph:
             if ledger.finished and not self._next_round():
                 self._conclude()
                 return
-            self._announce(OPEN)
+            self._announce(PlanState.OPEN)
             self._handle(SimulatorReady("s"))
             while not ledger.finished:
                 dispatch = self.out.pop(0)
@@ -114,7 +114,7 @@ class SmallGraph:
     def _next_round(self) -> bool:
         if not self.of.next_round(self.basin):
             return False
-        self._announce(OPEN)
+        self._announce(PlanState.OPEN)
         self._handle(Grown(self.of.blocks.count))
         return True
 
@@ -155,7 +155,7 @@ class SmallGraph:
                 self.cut_after -= 1
                 if self.cut_after < 0:
                     raise Cut
-        while self.sync and self.of.ledger.blocks[block].state is State.OUT:
+        while self.sync and self.of.ledger.blocks[block].state is State.DISPATCHED:
             time.sleep(0.005)
             self._commit()
 
@@ -168,10 +168,10 @@ class SmallGraph:
         for kind, block, chunk, checksum in zip(
             *(receipt[name].tolist() for name in ("kind", "block", "chunk", "checksum")), strict=True
         ):
-            if kind == cdr.RECEIPT_BLOCK:
+            if kind == ReceiptKind.BLOCK:
                 self._handle(OnDisk(block))
             else:
-                self._handle(Receipted(block, chunk, checksum, kind == cdr.RECEIPT_VERDICTS))
+                self._handle(Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS))
 
     def _handle(self, event: Event) -> None:
         instructions = self.of.ledger.handle(event, 0.0)
@@ -179,7 +179,7 @@ class SmallGraph:
         self.out += [item for item in instructions if isinstance(item, Dispatch)]
 
     def _conclude(self) -> None:
-        self._announce(CLOSED)
+        self._announce(PlanState.CLOSED)
         assert self.session is not None
         self.session.close(time.time_ns())
         write_map_npz(self.directory / MAP, map_of(self.of, self.basin))

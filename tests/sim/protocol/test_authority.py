@@ -6,13 +6,14 @@ from typing import Any
 
 import pytest
 
-from bow_sim.protocol.authority import CLOSED, OPEN, Authority
+from bow_sim.protocol.authority import Authority
+from bow_sim.protocol.states import PlanState
 
 RUN, OTHER_RUN = "a" * 16, "b" * 16
 MINE, THEIRS = "c" * 16, "d" * 16
 
 
-def plan(run_id: str = RUN, incarnation: str = MINE, epoch: int = 1, state: int = OPEN) -> dict[str, Any]:
+def plan(run_id: str = RUN, incarnation: str = MINE, epoch: int = 1, state: int = PlanState.OPEN) -> dict[str, Any]:
     return {"run_id": run_id, "incarnation": incarnation, "epoch": epoch, "state": state}
 
 
@@ -33,18 +34,18 @@ def test_plans_of_the_same_coordinator_are_obeyed_as_they_come(authority: Author
     assert authority.objection(plan(epoch=1)) == ""
     assert authority.objection(plan(epoch=2)) == ""
     assert "epoch 2" in authority.objection(plan(epoch=1))
-    assert authority.objection(plan(epoch=2, state=CLOSED)) == ""
+    assert authority.objection(plan(epoch=2, state=PlanState.CLOSED)) == ""
     assert authority.run_id == ""
 
 
 def test_a_run_in_progress_is_not_left_for_the_plan_of_another(
     authority: Authority, living: set[tuple[str, str]]
 ) -> None:
-    for state in (OPEN, CLOSED):
+    for state in (PlanState.OPEN, PlanState.CLOSED):
         assert OTHER_RUN in authority.objection(plan(OTHER_RUN, THEIRS, epoch=9, state=state))
     assert (authority.run_id, authority.owner) == (RUN, MINE)
     living.clear()
-    assert "closes" in authority.objection(plan(OTHER_RUN, THEIRS, state=CLOSED))
+    assert "closes" in authority.objection(plan(OTHER_RUN, THEIRS, state=PlanState.CLOSED))
     assert authority.objection(plan(OTHER_RUN, THEIRS)) == ""
     assert (authority.run_id, authority.owner) == (OTHER_RUN, THEIRS)
 
@@ -52,7 +53,7 @@ def test_a_run_in_progress_is_not_left_for_the_plan_of_another(
 def test_a_bag_of_this_very_run_that_is_played_changes_nothing(authority: Authority) -> None:
     assert authority.objection(plan(epoch=5)) == ""
     for epoch in (1, 5):
-        for state in (OPEN, CLOSED):
+        for state in (PlanState.OPEN, PlanState.CLOSED):
             assert authority.objection(plan(incarnation=THEIRS, epoch=epoch, state=state))
     assert authority.run_id == RUN
 
@@ -74,9 +75,9 @@ def test_the_same_coordinator_may_go_on_to_its_next_run_when_it_no_longer_works_
 
 
 def test_a_bag_of_a_run_that_was_closed_is_not_obeyed_when_no_run_is_in_progress(authority: Authority) -> None:
-    assert authority.objection(plan(epoch=3, state=CLOSED)) == ""
+    assert authority.objection(plan(epoch=3, state=PlanState.CLOSED)) == ""
     for epoch in (1, 3):
-        for state in (OPEN, CLOSED):
+        for state in (PlanState.OPEN, PlanState.CLOSED):
             assert "over" in authority.objection(plan(epoch=epoch, state=state))
     assert authority.objection(plan(epoch=4)) == ""  # it is resumed
 

@@ -1,14 +1,17 @@
 """The streams as bytes: as ROS writes them, and refused where they are not what they say."""
 
 import re
+from enum import IntEnum
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bow_msgs.msg import Health, Plan, Receipt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bow_sim.protocol import cdr, limits
+from bow_sim.protocol.states import BlockState, NodeState, PlanState, ReceiptKind
 
 MESSAGES = Path(__file__).parents[3] / "msg_defs" / "msg"
 DTYPES = {"uint8", "uint16", "uint32", "uint64", "float32", "float64"}
@@ -109,6 +112,14 @@ def chunk(cells: int = 3, samples: int = 20, block: int = 7, number: int = 4) ->
             "slip": rng.random(2 * cells),
         },
     }
+
+
+@pytest.mark.parametrize(
+    ("message", "states"),
+    [(Plan, [*PlanState, *BlockState]), (Health, list(NodeState)), (Receipt, list(ReceiptKind))],
+)
+def test_constants_are_those_of_the_interfaces(message: type, states: list[IntEnum]) -> None:
+    assert all(getattr(message, state.name) == state for state in states)
 
 
 @pytest.mark.parametrize("name", ["BridgeForce", "StickSlip"])

@@ -8,18 +8,8 @@ from typing import Any
 
 import pytest
 
-from bow_sim.protocol.neighbours import (
-    BUSY,
-    CLOSED,
-    DEAD,
-    HEARS_S,
-    LEFT,
-    LONGEST_STEP_S,
-    SILENT_S,
-    STARTING,
-    AwakeClock,
-    Neighbours,
-)
+from bow_sim.protocol.neighbours import HEARS_S, LEFT, LONGEST_STEP_S, SILENT_S, AwakeClock, Neighbours
+from bow_sim.protocol.states import NodeState
 
 OWN, OTHER = "a" * 16, "b" * 16
 NUMBERS = itertools.count(1)
@@ -36,7 +26,7 @@ def health(**changes: Any) -> SimpleNamespace:
         "host": "there",
         "pid": 7,
         "run_id": "r",
-        "state": BUSY,
+        "state": NodeState.BUSY,
         "detail": "",
         "hears": [],
         "started": SimpleNamespace(sec=5, nanosec=0),
@@ -85,18 +75,18 @@ def test_a_node_is_there_as_long_as_its_heartbeat_comes(neighbours: Neighbours) 
     assert not neighbours.is_alive(OTHER, SILENT_S + 0.1)
     assert [known.node for known in neighbours.of_role("recorder", 1.0)] == ["/bow/recorder"]
     assert neighbours.of_role("recorder", 1.0, "another run") == []
-    assert neighbours.take(health(state=CLOSED, detail=LEFT), 1.0) is None
+    assert neighbours.take(health(state=NodeState.CLOSED, detail=LEFT), 1.0) is None
     assert neighbours.of_role("recorder", 1.0) == []
-    neighbours.take(health(state=CLOSED, detail="the bag is closed"), 1.0)
+    neighbours.take(health(state=NodeState.CLOSED, detail="the bag is closed"), 1.0)
     assert neighbours.is_alive(OTHER, 1.0)
 
 
 def test_the_word_that_a_node_is_dead_counts_only_for_its_process(neighbours: Neighbours) -> None:
     neighbours.take(health(), 0.0)
     for wrong in ({"pid": 8}, {"host": "here"}):
-        neighbours.take(health(state=DEAD, incarnation="", **wrong), 0.0)
+        neighbours.take(health(state=NodeState.DEAD, incarnation="", **wrong), 0.0)
         assert neighbours.is_alive(OTHER, 0.0)
-    neighbours.take(health(state=DEAD, incarnation=""), 0.0)
+    neighbours.take(health(state=NodeState.DEAD, incarnation=""), 0.0)
     assert not neighbours.is_alive(OTHER, 0.0)
 
 
@@ -124,12 +114,12 @@ def test_a_topic_works_when_its_reader_says_so(neighbours: Neighbours) -> None:
 
 
 def test_an_older_heartbeat_of_a_living_node_is_known_for_one(neighbours: Neighbours) -> None:
-    first, second = health(), health(state=STARTING)
+    first, second = health(), health(state=NodeState.STARTING)
     neighbours.take(second, 0.0)
     assert neighbours.is_old(first)
     assert neighbours.is_old(second)
     assert not neighbours.is_old(health())
-    neighbours.take(health(state=CLOSED, detail=LEFT), 1.0)
+    neighbours.take(health(state=NodeState.CLOSED, detail=LEFT), 1.0)
     assert neighbours.is_old(health())
     assert not neighbours.is_old(health(incarnation="c" * 16))
 

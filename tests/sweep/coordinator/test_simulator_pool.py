@@ -10,7 +10,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from bow_sim.protocol.neighbours import BUSY, CLOSED, DEAD, LEFT, READY, SILENT_S, STARTING
+from bow_sim.protocol.neighbours import LEFT, SILENT_S
+from bow_sim.protocol.states import NodeState
 from bow_sweep.coordinator.simulator_pool import FIRST_PAUSE_S, TAKEN_S, Pool
 from bow_sweep.run.ledger import (
     Dispatch,
@@ -30,7 +31,7 @@ RUN, NAME = "r" * 16, "/bow/simulator_1"
 
 
 def health(
-    state: int = READY, held: list[tuple[int, int]] | None = None, refused: list | None = None, **changes: Any
+    state: int = NodeState.READY, held: list[tuple[int, int]] | None = None, refused: list | None = None, **changes: Any
 ) -> Any:
     values = {
         "node": NAME,
@@ -67,21 +68,21 @@ def world() -> World:
     """A pool with one simulator that is ready."""
     made = World()
     made.hear(0.0)
-    made.pool.look(0.0, may_join=True)
+    made.pool.check(0.0, may_join=True)
     assert made.take() == [SimulatorReady(NAME)]
     return made
 
 
 def test_a_simulator_joins_when_it_is_ready_and_says_that_blocks_arrive() -> None:
     world = World()
-    for changes in ({"hears_us": False}, {"state": STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
+    for changes in ({"hears_us": False}, {"state": NodeState.STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
         world.hear(0.0, **changes)  # type: ignore[arg-type]
-        world.pool.look(0.0, may_join=True)
+        world.pool.check(0.0, may_join=True)
         assert world.take() == []
     world.hear(0.0)
-    world.pool.look(0.0, may_join=False)
+    world.pool.check(0.0, may_join=False)
     assert world.take() == []
-    world.pool.look(0.0, may_join=True)
+    world.pool.check(0.0, may_join=True)
     assert world.take() == [SimulatorReady(NAME)]
 
 
@@ -89,7 +90,7 @@ def test_what_was_held_and_is_no_longer_has_ended(world: World) -> None:
     assert world.pool.send(NAME, 4, 1, 0.0) == "1" * 16
     world.hear(0.1)
     assert world.take() == []
-    world.hear(0.2, state=BUSY, held=[(4, 1)])
+    world.hear(0.2, state=NodeState.BUSY, held=[(4, 1)])
     assert world.take() == []
     world.hear(0.3)
     assert world.take() == [Finished(NAME, 4, 1)]
@@ -101,11 +102,11 @@ def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(w
     assert world.take() == []
     world.hear(TAKEN_S + 0.1)
     assert [type(event) for event in world.take()] == [SimulatorLost]
-    world.pool.look(TAKEN_S + 0.2, may_join=True)
+    world.pool.check(TAKEN_S + 0.2, may_join=True)
     assert world.take() == []  # a pause
     later = TAKEN_S + FIRST_PAUSE_S + 0.1
     world.hear(later)
-    world.pool.look(later, may_join=True)
+    world.pool.check(later, may_join=True)
     assert world.take() == [SimulatorReady(NAME)]
     world.pool.send(NAME, 5, 1, later)
     world.hear(later, refused=[(5, 1)])
@@ -113,17 +114,17 @@ def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(w
 
 
 def test_only_its_own_supervisor_or_a_long_silence_makes_a_simulator_dead(world: World) -> None:
-    world.hear(1.0, state=DEAD, incarnation="", pid=8)
-    world.hear(1.0, state=CLOSED, detail=LEFT, incarnation="2" * 16)
+    world.hear(1.0, state=NodeState.DEAD, incarnation="", pid=8)
+    world.hear(1.0, state=NodeState.CLOSED, detail=LEFT, incarnation="2" * 16)
     assert world.take() == []
-    world.hear(1.0, state=DEAD, incarnation="", detail="killed")
+    world.hear(1.0, state=NodeState.DEAD, incarnation="", detail="killed")
     assert world.take() == [SimulatorLost(NAME, "killed", blame=True)]
     world.hear(2.0)
-    world.pool.look(2.0, may_join=True)
+    world.pool.check(2.0, may_join=True)
     world.take()
-    world.pool.look(2.0 + SILENT_S, may_join=True)
+    world.pool.check(2.0 + SILENT_S, may_join=True)
     assert world.take() == []
-    world.pool.look(2.1 + SILENT_S, may_join=True)
+    world.pool.check(2.1 + SILENT_S, may_join=True)
     (lost,) = world.take()
     assert isinstance(lost, SimulatorLost)
     assert lost.blame  # of another machine: nobody else would say so
@@ -134,8 +135,8 @@ def test_a_simulator_of_this_machine_that_is_stopped_is_not_blamed() -> None:
 
     world = World()
     world.hear(0.0, host="here", pid=os.getpid())
-    world.pool.look(0.0, may_join=True)
-    world.pool.look(SILENT_S + 0.1, may_join=True)
+    world.pool.check(0.0, may_join=True)
+    world.pool.check(SILENT_S + 0.1, may_join=True)
     lost = world.take()[-1]
     assert isinstance(lost, SimulatorLost)
     assert not lost.blame
@@ -145,13 +146,13 @@ def test_the_second_of_a_name_gets_no_work_and_is_named_once(world: World) -> No
     for now in (1.0, 2.0, 3.0):
         world.hear(now, incarnation="2" * 16, pid=9)
         world.hear(now)
-        world.pool.look(now, may_join=True)
+        world.pool.check(now, may_join=True)
     assert world.take() == []
     assert len(world.complaints) == 1
     assert "process 9 on there gets no work" in world.complaints[0]
     assert world.pool.send(NAME, 0, 1, 3.0) == "1" * 16
     world.hear(4.0 + SILENT_S, incarnation="2" * 16, pid=9)  # the first is silent by now
-    world.pool.look(4.0 + SILENT_S, may_join=True)
+    world.pool.check(4.0 + SILENT_S, may_join=True)
     assert [type(event) for event in world.take()] == [SimulatorLost, SimulatorReady]
     assert world.pool.send(NAME, 0, 2, 4.0 + SILENT_S) == "2" * 16
 
@@ -179,7 +180,7 @@ class Sweeps(RuleBasedStateMachine):
 
     def beat(self, name: str, **changes: Any) -> None:
         incarnation, held = self.living[name]
-        state = BUSY if held else READY
+        state = NodeState.BUSY if held else NodeState.READY
         message = health(state, held, node=name, incarnation=incarnation, **changes)
         self.pool.on_health(message, RUN, True, self.now)
 
@@ -203,7 +204,7 @@ class Sweeps(RuleBasedStateMachine):
         if not silent:
             for name in self.living:
                 self.beat(name)
-        self.pool.look(self.now, may_join=True)
+        self.pool.check(self.now, may_join=True)
         self.emit(Tick())
 
     @rule(arrives=st.booleans(), which=st.integers(0, 9))
@@ -233,7 +234,7 @@ class Sweeps(RuleBasedStateMachine):
     @rule(name=names, said=st.booleans())
     def die(self, name: str, said: bool) -> None:
         if name in self.living:
-            message = health(DEAD, node=name, incarnation="")
+            message = health(NodeState.DEAD, node=name, incarnation="")
             del self.living[name]
             if said:
                 self.pool.on_health(message, RUN, True, self.now)
@@ -242,7 +243,7 @@ class Sweeps(RuleBasedStateMachine):
     def nobody_holds_more_than_the_ledger_knows(self) -> None:
         if hasattr(self, "ledger"):
             assert sum(self.ledger.count(state) for state in State) == 5
-            assert all(len(hand) <= 2 for hand in self.ledger.hands.values())
+            assert all(len(hand) <= 2 for hand in self.ledger.in_flight.values())
 
     def teardown(self) -> None:
         """One simulator that lives and answers is enough: every block is settled in the end."""

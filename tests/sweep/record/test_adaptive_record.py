@@ -11,8 +11,9 @@ import recording
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.states import BlockState, PlanState
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.basin_map import Basin
-from bow_sweep.record.expected import CLOSED, DONE, QUARANTINED, Expected
 from bow_sweep.record.replay import load_verdicts, replay
 from bow_sweep.record.session import Session
 from bow_sweep.record.verify import verify
@@ -53,9 +54,9 @@ def record(directory, *, change=None, given_up=()):
             break
         done, blocks = blocks.count, more if change is None else change(blocks, more)
         announce(session, blocks)
-    states = np.full(blocks.count, DONE, np.uint8)
-    states[list(given_up)] = QUARANTINED
-    announce(session, blocks, CLOSED, states)
+    states = np.full(blocks.count, BlockState.DONE, np.uint8)
+    states[list(given_up)] = BlockState.QUARANTINED
+    announce(session, blocks, PlanState.CLOSED, states)
     session.close(time.time_ns())
     assert not session.complaints
     return blocks
@@ -105,10 +106,10 @@ def test_a_block_is_refused_until_its_round_is_announced(tmp_path):
     fresh = range(first.count, blocks.count)
     take(session, blocks, fresh)
     assert session.ignored == 3 * SWEEP.chunks
-    assert not len(session.inventory)
+    assert not len(session.stored)
     announce(session, blocks)
     take(session, blocks, fresh)
-    assert len(session.inventory) == 3 * SWEEP.chunks
+    assert len(session.stored) == 3 * SWEEP.chunks
     session.abandon()
 
 
@@ -117,9 +118,9 @@ def test_a_plan_that_takes_rounds_back_is_ignored_and_named(tmp_path):
     blocks = first.grown(np.flatnonzero(~first.planned)[:3])
     session = recording.session(tmp_path / "run", SWEEP)
     announce(session, blocks)
-    announce(session, first, CLOSED)
+    announce(session, first, PlanState.CLOSED)
     assert not session.closed
-    assert "known and more" in next(iter(session.complaints))
+    assert "do not contain the" in next(iter(session.complaints))
     session.abandon()
 
 
@@ -133,9 +134,9 @@ def test_a_recorder_that_is_started_again_knows_the_rounds_from_the_latest_plan(
     data = recording.plan(SWEEP, states=np.zeros(blocks.count, np.uint8), rounds=blocks.announce())
     again = Session(tmp_path / "run", cdr.decode("Plan", data), data, recording.NAMES, "8" * 16, time.time_ns())
     take(again, blocks, range(blocks.count))
-    assert len(again.inventory) == 3 * SWEEP.chunks * blocks.count
-    assert again.inventory.duplicates == 3 * SWEEP.chunks * first.count
-    announce(again, blocks, CLOSED, np.full(blocks.count, DONE, np.uint8))
+    assert len(again.stored) == 3 * SWEEP.chunks * blocks.count
+    assert again.stored.duplicates == 3 * SWEEP.chunks * first.count
+    announce(again, blocks, PlanState.CLOSED, np.full(blocks.count, BlockState.DONE, np.uint8))
     again.close(time.time_ns())
     assert verify(tmp_path / "run")["ok"]
 
@@ -144,10 +145,10 @@ def test_a_recorder_that_is_started_again_knows_the_rounds_from_the_latest_plan(
 def test_a_plan_with_rounds_that_cannot_be_is_refused(rounds):
     plan = cdr.decode("Plan", recording.plan(SWEEP, rounds=np.array(rounds, np.uint8)))
     with pytest.raises(ParameterError, match=r"Plan\.rounds"):
-        Expected.of(plan)
+        SweepOutline.of(plan)
 
 
 def test_an_exhaustive_sweep_has_no_rounds():
     sweep = recording.small_sweep()
     with pytest.raises(ParameterError, match="adaptive = 1"):
-        Expected.of(cdr.decode("Plan", recording.plan(sweep, rounds=np.ones(12, np.uint8))))
+        SweepOutline.of(cdr.decode("Plan", recording.plan(sweep, rounds=np.ones(12, np.uint8))))

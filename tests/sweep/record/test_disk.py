@@ -11,6 +11,7 @@ import recording
 from small_graph import SmallGraph
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import ReceiptKind
 from bow_sweep.record.disk import DiskSync
 from bow_sweep.record.session import Session
 from bow_sweep.record.verify import verify
@@ -47,7 +48,7 @@ def blocks_on_disk(session: Session) -> list[tuple[int, int]]:
         return []
     values = cdr.decode("Receipt", data)
     columns = (values[name].tolist() for name in ("kind", "block", "attempt"))
-    return [(block, attempt) for kind, block, attempt in zip(*columns, strict=True) if kind == cdr.RECEIPT_BLOCK]
+    return [(block, attempt) for kind, block, attempt in zip(*columns, strict=True) if kind == ReceiptKind.BLOCK]
 
 
 def send(session: Session, block: int, attempt: int = 1) -> None:

@@ -12,8 +12,8 @@ import recording
 from bow_msgs.msg import Health
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import BlockState, PlanState
 from bow_sweep.record.bag import bag_files, messages
-from bow_sweep.record.expected import CLOSED, DONE
 from bow_sweep.record.verify import verify
 
 SWEEP = recording.small_sweep()
@@ -28,8 +28,8 @@ def open_run(graph, epoch=1):
 
 
 def close_run(graph, epoch=1):
-    states = np.full(SWEEP.blocks, DONE, np.uint8)
-    graph.publish("plan", recording.plan(SWEEP, CLOSED, epoch, states))
+    states = np.full(SWEEP.blocks, BlockState.DONE, np.uint8)
+    graph.publish("plan", recording.plan(SWEEP, PlanState.CLOSED, epoch, states))
     graph.until(lambda: graph.state() == Health.CLOSED, "the bag is closed")
 
 

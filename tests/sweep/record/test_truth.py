@@ -21,6 +21,7 @@ from mcap.writer import CompressionType, Writer
 from small_graph import PIXEL, SmallGraph, Snapshot, restore, snapshot
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import ReceiptKind
 from bow_sweep.coordinator.resume import prepare, resume
 from bow_sweep.record.bag import BagError, bag_files
 from bow_sweep.record.mcap_reader import Scan
@@ -255,7 +256,7 @@ def as_of_old(path: Path) -> None:
         data: bytes | memoryview = m.data
         if scan.contents.channels[m.channel].topic.endswith("/receipts"):
             values = cdr.decode("Receipt", data)
-            kept = values["kind"] != cdr.RECEIPT_BLOCK
+            kept = values["kind"] != ReceiptKind.BLOCK
             names = ("kind", "block", "chunk", "attempt", "checksum")
             data = cdr.encode("Receipt", {**values, **{name: values[name][kept] for name in names}})
         writer.add(m.channel, m.sequence, m.log_time, m.publish_time, data)

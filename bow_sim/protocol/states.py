@@ -1,0 +1,39 @@
+"""The constants of Plan, Health and Receipt, as their .msg files name them."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class PlanState(IntEnum):
+    """Plan.state."""
+
+    OPEN = 1
+    CLOSED = 2
+
+
+class BlockState(IntEnum):
+    """Plan.block_states: what has become of a block."""
+
+    OUTSTANDING = 0
+    DONE = 1
+    QUARANTINED = 2
+
+
+class NodeState(IntEnum):
+    """Health.state."""
+
+    STARTING = 0
+    READY = 1
+    BUSY = 2
+    CLOSED = 3
+    DEAD = 4
+    FAILED = 5
+
+
+class ReceiptKind(IntEnum):
+    """Receipt.kind: what was recorded."""
+
+    STREAMS = 0  # both stream messages of a chunk
+    VERDICTS = 1  # the verdicts on a chunk
+    BLOCK = 2  # all of a block, synced to disk
