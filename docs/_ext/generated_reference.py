@@ -20,6 +20,8 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
+ENTRY = re.compile(r"(\w+) {2,}(.+)")
+"""A line of a package's docstring that lists a module: name, two spaces or more, what is in it."""
 
 
 def heading(text: str, line: str = "=") -> str:
@@ -36,12 +38,14 @@ def packages(name: str) -> Iterator[str]:
 
 
 def api_page(package: str) -> str:
-    """Return the page of one package: its docstring, then each of its modules."""
-    path = importlib.import_module(package).__path__
+    """Return the page of one package: its docstring, then its modules in the order of their list in the docstring."""
+    module = importlib.import_module(package)
+    parts = [part.name for part in pkgutil.iter_modules(module.__path__) if not part.ispkg and part.name != "__main__"]
+    listed = [entry[1] for entry in map(ENTRY.fullmatch, (module.__doc__ or "").splitlines()) if entry]
+    parts.sort(key=lambda part: listed.index(part) if part in listed else len(listed))
     text = heading(package) + f".. automodule:: {package}\n   :no-members:\n\n"
-    for part in pkgutil.iter_modules(path, f"{package}."):
-        if not part.ispkg and not part.name.endswith(".__main__"):
-            text += heading(part.name, "-") + f".. automodule:: {part.name}\n\n"
+    for name in (f"{package}.{part}" for part in parts):
+        text += heading(name, "-") + f".. automodule:: {name}\n\n"
     return text
 
 
@@ -65,14 +69,22 @@ def command_page() -> str:
 
 
 def settings_page() -> str:
-    """Return the page of all settings, as ``bow settings`` prints them."""
+    """Return the page of all settings, what ``bow settings`` prints as a list of definitions."""
     from bow_sweep.cli.main import main
 
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         main(["settings"])
-    body = "".join(f"   {line}\n" for line in printed.getvalue().splitlines())
     text = heading("Settings") + "Printed by ``bow settings``: name and default; meaning, unit, range and source.\n"
-    return text + "Any of them can be given as ``--set NAME=VALUE``.\n\n.. code-block:: text\n\n" + body
+    text += "Any of them can be given as ``--set NAME=VALUE``.\n\n"
+    terms: list[str] = []
+    for line in printed.getvalue().splitlines():
+        if not line.startswith(" "):
+            terms.append(f"``{line.strip()}``")
+        else:
+            text += ", ".join(terms) + "\n" if terms else ""
+            text += "    " + re.sub(r"([\\\\*`|_])", r"\\\1", line.strip()) + "\n"
+            terms = []
+    return text
 
 
 def messages_page() -> str:
@@ -110,7 +122,7 @@ def write(folder: Path) -> None:
 
 def list_modules(_app: Any, _what: str, name: str, thing: Any, _options: Any, lines: list[str]) -> None:
     """Turn the lines of a package's docstring that list its modules, ``name  what is in it``, into a list of links."""
-    entries = [re.fullmatch(r"(\w+) {2,}(.+)", line) for line in lines] if hasattr(thing, "__path__") else []
+    entries = [ENTRY.fullmatch(line) for line in lines] if hasattr(thing, "__path__") else []
     if any(entries):
         lines[:] = [
             f"- :py:mod:`{entry[1]} <{name}.{entry[1]}>`: {entry[2]}" if entry else line
