@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bow_classifier.verdict import regimes, thresholds
+from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS
 from bow_classifier.verdict.decision import Decision, Features, Limits, decide_cell, history
 from bow_classifier.verdict.regimes import DEFINITIONS, REGIMES, count, is_helmholtz
 from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS, Thresholds
@@ -28,6 +29,11 @@ def test_every_regime_is_defined_once_and_its_source_is_given():
     for definition in DEFINITIONS:
         assert len(definition.means) > 40
         assert definition.source or definition.name == "other_periodic"
+
+
+def test_every_regime_has_its_row_of_coefficients():
+    """The compiled code takes the row by the regime's code and does not check that it exists."""
+    assert COEFFICIENTS.shape == (len(REGIMES), len(MARGINS))
 
 
 def test_insignificant_extra_slips_leave_helmholtz_motion_what_it_is():
