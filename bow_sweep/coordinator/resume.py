@@ -22,8 +22,7 @@ from bow_sim.protocol.states import BlockState
 from bow_sweep.maps.map_file import MAP
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.bag_contents import Survey
-from bow_sweep.record.inspection import Identity
+from bow_sweep.record.bag_contents import RunIdentity, Survey
 from bow_sweep.record.recover import repair
 from bow_sweep.run.directory import (
     PICTURE,
@@ -127,7 +126,7 @@ def _prepare(directory: Path, say: Say, locks: bool) -> Prepared:
 def _bag(directory: Path, reading: Reading, say: Say, locks: bool) -> Survey:
     """Repair the bag and say what was done; one that a recorder is writing is read as it is."""
     plan = reading.entries[0] if reading.planned else None
-    identity: Identity | None = (plan["run_id"], plan["sweep_id"]) if plan else None
+    identity = RunIdentity(plan["run_id"], plan["sweep_id"]) if plan else None
     bag = directory / FOLDER
     try:
         try:
@@ -136,8 +135,8 @@ def _bag(directory: Path, reading: Reading, say: Say, locks: bool) -> Survey:
                 _sync(bag)
         except LockedError:  # the recorder of a graph whose coordinator was started again
             survey = Survey(bag).read()
-            if identity and survey.said and survey.said != identity:
-                raise BagError(f"{bag}: holds run {survey.said[0]}, this is run {identity[0]}") from None
+            if identity and survey.identity and survey.identity != identity:
+                raise BagError(f"{bag}: holds run {survey.identity.run_id}, this is run {identity.run_id}") from None
             _sync(bag)
             return survey
     except BagError as error:
@@ -166,7 +165,7 @@ def _sync(bag: Path) -> None:
             os.fdatasync(file.fileno())
 
 
-def _remedy(directory: Path, identity: Identity | None) -> str:
+def _remedy(directory: Path, identity: RunIdentity | None) -> str:
     if identity is None:
         return "Then resume it again"
     return (

@@ -151,7 +151,7 @@ def _cut(maps: Maps) -> Found:
 def _flyback(maps: Maps) -> Found:
     is_what = {k: playability_of(maps[k])["black_is"].get("streaky", {}) for k in "ce"}
     share = [is_what[k].get("multiple_flyback", 0.0) for k in "ce"]
-    holds = all(mine >= max(0.4, *is_what[k].values()) for k, mine in zip("ce", share, strict=True))
+    holds = all(mine >= max([0.4, *is_what[k].values()]) for k, mine in zip("ce", share, strict=True))
     return Found("; ".join(f"({k}) {words(is_what[k])}" for k in "ce"), holds, is_what)
 
 
