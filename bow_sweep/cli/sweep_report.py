@@ -51,7 +51,7 @@ def self_check(directory: Path, say: Callable[[str], None], *, whole: bool) -> s
     from bow_sweep.record.verify import verify
 
     began = time.monotonic()
-    result = verify(directory, judge=False, index=not whole)
+    result = verify(directory, classify=False, index=not whole)
     took = time.monotonic() - began
     if took > MENTIONED_S:
         say(f"checking bag, ledger, map and report took {took:.1f} s")

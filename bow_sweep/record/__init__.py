@@ -17,7 +17,7 @@ session         one run being recorded: bytes in, receipts out
 node            the recorder node
 bag_contents    what is in a bag, read byte by byte
 index_contents  what is in a bag by its index
-replay          judges a bag again
+replay          classifies a bag again
 verify_files    map, report and ledger against the bag
 verify          accounts for a run
 """
