@@ -75,7 +75,7 @@ class IndexSurvey(Survey):
         assert self.expected is not None
         values = cdr.decode_head(STORED_ONCE[message.topic], message.data)
         if reason := self.expected.identity_objection(values):
-            raise cdr.WireError(f"block {values['block']}, chunk {values['chunk']}: {reason}")
+            raise cdr.WireError(reason)
         return values
 
 

