@@ -1,4 +1,4 @@
-"""The command `bow replay`: a run's bag is classified again."""
+"""The command `bow replay`: classifies a run's bag again."""
 
 from __future__ import annotations
 

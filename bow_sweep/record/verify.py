@@ -170,8 +170,8 @@ class _Accounts:
             for kind, checksum in stored.items():
                 receipted = survey.receipts.get((kind, *key), set())
                 if checksum is not None and receipted != {checksum}:
-                    said = ", ".join(f"{c:016x}" for c in sorted(receipted)) or "nothing"
-                    what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {said}"
+                    found = ", ".join(f"{c:016x}" for c in sorted(receipted)) or "nothing"
+                    what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {found}"
                     self.problem(what, block=key[0], chunk=key[1])
         for kind, block, chunk in sorted(survey.receipts):
             there: dict[int, bool] = {
@@ -185,7 +185,7 @@ class _Accounts:
         if survey.version >= RECEIPTS_BLOCKS:
             for block in np.flatnonzero(self.complete).tolist():
                 if (ReceiptKind.BLOCK, block, 0) not in survey.receipts:
-                    self.problem("nothing says that it came to the disk", block=block)
+                    self.problem("no receipt states that it is on the disk", block=block)
 
     # ---- verdicts
 
