@@ -309,9 +309,7 @@ def precompile(record):
 def main():
     parser = argparse.ArgumentParser(description="Make or refresh .venv.")
     parser.add_argument("--tests", action="store_true", help="also install what `make test` needs")
-    parser.add_argument(
-        "--this-python", action="store_true", help="use the Python that runs this, whatever .venv has now"
-    )
+    parser.add_argument("--this-python", action="store_true", help="use the Python that runs this, not that of .venv")
     parser.add_argument(
         "--is-good", action="store_true", help="exit with 0 if .venv can use this Python, and do nothing else"
     )

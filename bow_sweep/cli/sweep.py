@@ -49,8 +49,8 @@ def add_command(commands: Any) -> None:
         "sweep",
         help="run a sweep on this machine, recorded and classified",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Start the graph on this machine (loopback only, unless --network is given), run a sweep, and write "
-        "a run directory.",
+        description="Start the graph on this machine (loopback only, unless --network is given), run a sweep, and "
+        "write a run directory.",
         epilog=f"presets:\n{names}\n\ncampaigns, several sweeps one after the other:\n{more}\n\nexamples:\n"
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
@@ -93,7 +93,7 @@ def add_command(commands: Any) -> None:
     parser.add_argument(
         "--no-lock",
         action="store_true",
-        help="for file systems without locks; make sure that no other process is at work on the run",
+        help="for file systems without locks; see that no other process uses the run",
     )
     parser.set_defaults(run=_sweep)
 
