@@ -88,7 +88,7 @@ def _task(survey: Survey) -> object:
 
 
 @pytest.mark.full
-def test_a_classifier_that_dies_is_said(long: Path) -> None:
+def test_the_exit_of_the_classifier_is_reported(long: Path) -> None:
     survey = Survey(long / "bag").read()
     verdicts = classify_in_graph(survey, _task(survey))  # type: ignore[arg-type]
     next(verdicts)
