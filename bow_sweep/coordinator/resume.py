@@ -316,7 +316,7 @@ def _agrees(directory: Path, survey: Survey, say: Say) -> bool:
     lost = [name for name in (MAP, REPORT, PICTURE) if not (directory / name).is_file()]
     problems = [f"{name}: is not there" for name in lost]
     if not problems:
-        result = account(survey, directory, judge=False)
+        result = account(survey, directory, classify=False)
         problems = [f"{problem.get('file', FOLDER)}: {problem['what']}" for problem in result["problems"]]
     if not problems and not _is_its_picture(directory):
         problems = [f"{PICTURE}: is damaged, or of another map"]

@@ -1,4 +1,4 @@
-"""The messages stored in a bag, each once: which to store, and which entries of receipts answer them. No files, no clock.
+"""The messages stored in a bag, each once: which to store, and which receipts answer them. No files, no clock.
 
 A receipt answers an *attempt*: it is due when both stream messages of a chunk have come from that attempt and are
 stored, from this attempt or an earlier one. So every attempt is answered, and again where it is sent again.
@@ -16,8 +16,7 @@ from bow_sim.protocol.states import ReceiptKind
 BRIDGE_FORCE, STICK_SLIP, VERDICTS = "bridge_force", "stick_slip", "verdicts"
 
 MAX_HALVES = 4096
-"""Attempts remembered of which one of the two messages has come. More are never under way: only stray ones are forgotten.
-"""
+"""Attempts remembered of which only one message has come. More are never under way: only stray ones are forgotten."""
 
 
 class Answer(NamedTuple):

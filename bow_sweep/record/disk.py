@@ -1,4 +1,4 @@
-"""Syncs committed data to the disk in a thread of its own, so that the thread that takes messages never waits for it."""
+"""Syncs committed data to the disk in a thread of its own, so that no thread that takes messages waits for the disk."""
 
 from __future__ import annotations
 

@@ -326,7 +326,7 @@ class Scan:
         position = footer.summary_start - at if footer.summary_start else footer_at
         crc = crc32(data[max(position, 0) : footer_at + FOOTER_SIZE - 4])  # without the CRC itself
         if position < DATA_END_SIZE or (footer.summary_crc and crc != footer.summary_crc):
-            what = f"the summary has CRC {crc:08x}, the footer says {footer.summary_crc:08x}"
+            what = f"the summary has CRC {crc:08x}, the footer has {footer.summary_crc:08x}"
             self.damage.append(Damage(at, self.size, what, "end"))
             return
         while position + RECORD_HEAD.size <= footer_at:
@@ -334,7 +334,7 @@ class Scan:
             if opcode == Opcode.STATISTICS:
                 count = Statistics.read(ReadDataStream(BytesIO(data[position + RECORD_HEAD.size :]))).message_count
                 if count != self.contents.messages:
-                    what = f"the file has {self.contents.messages} messages, its summary says {count}"
+                    what = f"the file has {self.contents.messages} messages, its summary has {count}"
                     self.damage.append(Damage(at, self.size, what, "end"))
             position += RECORD_HEAD.size + length
 

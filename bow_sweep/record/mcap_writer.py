@@ -223,9 +223,8 @@ class McapWriter:
         if not self._parts:
             return
         size = self.pending
-        head = CHUNK_HEAD.pack(
-            Opcode.CHUNK, CHUNK_HEAD.size - RECORD_HEAD.size + size, self._start, self._end, size, self._chunk_crc, 0, size
-        )
+        length = CHUNK_HEAD.size - RECORD_HEAD.size + size
+        head = CHUNK_HEAD.pack(Opcode.CHUNK, length, self._start, self._end, size, self._chunk_crc, 0, size)
         index_start = self._offset + len(head) + size
         index, offsets = index_of(self._entries, index_start)
         chunk = ChunkIndex(

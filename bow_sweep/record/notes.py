@@ -45,7 +45,9 @@ def noted_in(records: Iterable[Metadata]) -> list[Range]:
     for record in records:
         text = record.metadata.get("messages", "")
         if record.name == NAME and _RANGES.fullmatch(text):
-            found += [Range(int(first), int(last)) for first, _, last in (part.partition("-") for part in text.split(","))]
+            for part in text.split(","):
+                first, _, last = part.partition("-")
+                found.append(Range(int(first), int(last)))
     return found
 
 

@@ -1,10 +1,10 @@
 """Repairs bags: complete data are kept, the rest is set aside beside the bag, index and footer are written anew.
 
-A torn file is cut after its last complete chunk, and gets its end in place. That needs no room for a copy, and a process
-that is killed meanwhile leaves just another torn file. In a file of ours with damage further in, one record covers the
-damaged bytes, so that the data before and after them keep their places. A file that cannot be mended so, or that stores
-again what other files store (a copy, an older version), is set aside: its blocks are computed again, with the same
-bytes.
+A torn file is cut after its last complete chunk, and gets its end in place. That needs no room for a copy, and leaves
+just another torn file where the process is killed meanwhile. In a file of ours with damage further in, one record
+covers the damaged bytes, so that the data before and after them keep their places. A file that cannot be mended so, or
+that stores again what other files store (a copy, an older version), is set aside: its blocks are computed again, with
+the same bytes.
 
 Of bags by other writers only torn files are repaired; complete ones are not touched.
 """

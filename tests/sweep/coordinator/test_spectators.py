@@ -1,4 +1,4 @@
-"""What is only for looking at never decides over the sweep."""
+"""A dashboard that fails never stops a sweep."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def supervisor(tmp_path: Path) -> Supervisor:
     return Supervisor("/bow/x", tmp_path / "log", {})
 
 
-def death(supervisor: Supervisor, status: int, worked: bool = False, role: str = "dashboard") -> Exit:
+def exit_of(supervisor: Supervisor, status: int, worked: bool = False, role: str = "dashboard") -> Exit:
     log = supervisor.logs / f"{role}.log"
     log.write_text("Traceback:\nImportError: no such library\n")
     return Exit(Child(role, role, SimpleNamespace(pid=1), log, worked=worked), status)  # type: ignore[arg-type]
 
 
 def test_a_dashboard_that_fails_before_it_works_is_left_out_at_once(supervisor: Supervisor) -> None:
-    assert supervisor.why_left_out(death(supervisor, 1)) == "exit status 1: ImportError: no such library"
+    assert supervisor.why_left_out(exit_of(supervisor, 1)) == "exit status 1: ImportError: no such library"
     assert supervisor.left_out == [supervisor.logs / "dashboard.log"]
 
 
@@ -37,14 +37,14 @@ def test_one_that_is_killed_or_fails_later_is_started_again_some_times(
     supervisor: Supervisor, status: int, worked: bool
 ) -> None:
     for _ in range(CRASHES - 1):
-        assert supervisor.why_left_out(death(supervisor, status, worked)) == ""
-    assert supervisor.why_left_out(death(supervisor, status, worked)).startswith(f"ended {CRASHES} times, at last: ")
+        assert supervisor.why_left_out(exit_of(supervisor, status, worked)) == ""
+    assert supervisor.why_left_out(exit_of(supervisor, status, worked)).startswith(f"ended {CRASHES} times, at last: ")
 
 
 @pytest.mark.parametrize("role", ["recorder", "classifier", "simulator", "coordinator"])
 def test_nobody_else_is_left_out(supervisor: Supervisor, role: str) -> None:
     for _ in range(2 * CRASHES):
-        assert supervisor.why_left_out(death(supervisor, 1, role=role)) == ""
+        assert supervisor.why_left_out(exit_of(supervisor, 1, role=role)) == ""
     assert supervisor.left_out == []
 
 
