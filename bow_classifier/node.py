@@ -13,7 +13,7 @@ from functools import partial
 
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
-from bow_classifier.precompile import warm
+from bow_classifier.precompile import precompile
 from bow_classifier.stream import Classifier
 from bow_sim.graph.node_base import HEARD, STREAM, BowNode, RCLError, live
 from bow_sim.protocol import cdr
@@ -59,7 +59,7 @@ class ClassifierNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("classifier")
-        warm()
+        precompile()
         self._classifier = Classifier(self.incarnation)
         self._outbox: deque[bytes] = deque()
         self._hanging = False

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_classifier.block_classifier import BlockJudge
+from bow_classifier.block_classifier import BlockClassifier
 from bow_classifier.features.slips import Intervals
 from bow_classifier.task import Task
 from bow_sim.physics.errors import ParameterError
@@ -62,7 +62,7 @@ class _Answer(NamedTuple):
 
 @dataclass
 class _Block:
-    judge: BlockJudge | None
+    classifier: BlockClassifier | None
     waiting: dict[str, dict[int, _Half]] = field(default_factory=lambda: {FORCE: {}, SLIP: {}})
     answers: list[_Answer] = field(default_factory=list)  # by chunk
 
@@ -186,7 +186,7 @@ class Classifier:
 
     def _new_block(self, block: int) -> _Block:
         assert self.task is not None
-        return _Block(self.task.judge(block))
+        return _Block(self.task.block_classifier(block))
 
     def _check(self, name: str, data: cdr.Buffer) -> dict[str, Any]:
         """Return the fields of a message of the sweep in progress.
@@ -236,13 +236,13 @@ class Classifier:
 
     def _judge_what_is_whole(self, number: int, block: _Block) -> list[bytes]:
         out: list[bytes] = []
-        while block.judge and block.next in block.waiting[FORCE] and block.next in block.waiting[SLIP]:
+        while block.classifier and block.next in block.waiting[FORCE] and block.next in block.waiting[SLIP]:
             force = block.waiting[FORCE][block.next].values
             slip, attempts = block.waiting[SLIP].pop(block.next)
             window = (len(force["cells"]), force["samples"])
             try:
                 intervals = Intervals(*(slip[name] for name in Intervals._fields))
-                judgement = block.judge.judge(force["data"].reshape(window), intervals)
+                judgement = block.classifier.classify(force["data"].reshape(window), intervals)
             except ValueError as error:  # this half is wrong; another attempt may bring a right one
                 self.complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
                 break
@@ -252,7 +252,7 @@ class Classifier:
             self.counts.judged += 1
             out += [_verdicts(answer, attempt) for attempt in attempts]
             if self.task and block.next == self.task.outline.chunks:
-                block.judge = None
+                block.classifier = None
         return out
 
     def _answer(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.protocol.sweep_outline import SweepOutline
 
@@ -27,9 +27,9 @@ class Task:
         """
         return cls(outline, Thresholds.from_mapping(outline.threshold_settings))
 
-    def judge(self, block: int) -> BlockJudge:
+    def block_classifier(self, block: int) -> BlockClassifier:
         """Return a new judge for the chunks of a block: each cell with its own bow speed and bow position."""
         cells = self.outline.block(block)
         speed, bridge = (self.outline.values(name, cells) for name in ("v_b", "bow_bridge"))
         geometry = Geometry.of(self.outline.parameters)
-        return BlockJudge(geometry, self.thresholds, len(cells), speed, bridge)
+        return BlockClassifier(geometry, self.thresholds, len(cells), speed, bridge)

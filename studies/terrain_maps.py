@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import DEFAULT_PRESET, THRESHOLD_PRESETS, Thresholds
 from bow_sim.kernel.block import Block
 from bow_sim.kernel.fingerprint import fingerprint
@@ -41,12 +41,12 @@ def judged(sweep: Sweep, thresholds: Sequence[Thresholds]) -> list[Basin]:
         lanes = sweep.lanes(cells)
         block = Block(p, lanes)
         speed, position = lanes.get("v_b", p.v_b), lanes.get("bow_bridge", p.bow_bridge)
-        judges = [BlockJudge(Geometry.of(p), each, len(cells), speed, position) for each in thresholds]
+        classifiers = [BlockClassifier(Geometry.of(p), each, len(cells), speed, position) for each in thresholds]
         for test in range(p.chunks):
             chunk = block.advance()
             intervals = intervals_of(chunk)
-            for judge, basin in zip(judges, basins, strict=True):
-                basin.take(test, cells, judge.judge(chunk.bridge_force, intervals)._asdict())
+            for classifier, basin in zip(classifiers, basins, strict=True):
+                basin.take(test, cells, classifier.classify(chunk.bridge_force, intervals)._asdict())
     return basins
 
 

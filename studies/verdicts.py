@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS
 from bow_classifier.verdict.decision import history
 from bow_classifier.verdict.regimes import REGIMES, count, is_helmholtz
@@ -93,10 +93,10 @@ def generated(number: int, seed: int, thresholds: Thresholds | None = None) -> F
     parts = []
     for start in range(0, number, 150):
         part = records[start : start + 150]
-        judge = BlockJudge(GEOMETRY, thresholds or Thresholds(), len(part))
+        classifier = BlockClassifier(GEOMETRY, thresholds or Thresholds(), len(part))
         for chunk in chunks([one.record for one in part]):
-            judge.judge(*chunk)
-        parts.append(_found([one.regime for one in part], [one.count or -1 for one in part], judge, GEOMETRY))
+            classifier.classify(*chunk)
+        parts.append(_found([one.regime for one in part], [one.count or -1 for one in part], classifier, GEOMETRY))
     return _joined(parts)
 
 
@@ -110,19 +110,21 @@ def labelled(half: str, thresholds: Thresholds | None = None) -> Found:
         sweep = Sweep.from_spec(name)
         cells = np.array([int(row["cell"]) for row in mine], np.uint32)
         block, geometry = Block(sweep.parameters, sweep.lanes(cells)), Geometry.of(sweep.parameters)
-        judge = BlockJudge(geometry, thresholds or Thresholds(), len(cells))
+        classifier = BlockClassifier(geometry, thresholds or Thresholds(), len(cells))
         for _ in range(sweep.chunks):
             chunk = block.advance()
-            judge.judge(chunk.bridge_force, intervals_of(chunk))
-        parts.append(_found([row["label"] for row in mine], [int(row["count"] or -1) for row in mine], judge, geometry))
+            classifier.classify(chunk.bridge_force, intervals_of(chunk))
+        parts.append(
+            _found([row["label"] for row in mine], [int(row["count"] or -1) for row in mine], classifier, geometry)
+        )
     return _joined(parts)
 
 
-def _found(truth: list[str], number: Sequence[int], judge: BlockJudge, geometry: Geometry) -> Found:
-    evidence, decision = judge.evidence, judge.decision
-    assert evidence is not None and decision is not None
+def _found(truth: list[str], number: Sequence[int], classifier: BlockClassifier, geometry: Geometry) -> Found:
+    features, decision = classifier.features, classifier.decision
+    assert features is not None and decision is not None
     regime = decision.regime
-    counted = count(regime, evidence.period, evidence.slips, evidence.corners, geometry.period, evidence.beta)
+    counted = count(regime, features.period, features.slips, features.corners, geometry.period, features.beta)
     names = [REGIMES[code] for code in regime]
     return Found(
         truth, names, np.array(number), counted.astype(int), decision.confidence.astype(float), decision.margins
@@ -184,14 +186,14 @@ def cost(name: str) -> tuple[float, float]:
     for number in range(sweep.blocks):
         cells = sweep.block(number)
         block = Block(sweep.parameters, sweep.lanes(cells))
-        judge = BlockJudge(Geometry.of(sweep.parameters), Thresholds(), len(cells))
+        classifier = BlockClassifier(Geometry.of(sweep.parameters), Thresholds(), len(cells))
         for _ in range(sweep.chunks):
             clock = time.process_time()
             chunk = block.advance()
             simulated += time.process_time() - clock
             slips = intervals_of(chunk)
             clock = time.process_time()
-            judge.judge(chunk.bridge_force, slips)
+            classifier.classify(chunk.bridge_force, slips)
             judged += time.process_time() - clock
     return simulated, judged
 
@@ -204,12 +206,12 @@ def judge_map(name: str, sets: Sequence[Thresholds]) -> list[MapFile]:
     for number in range(sweep.blocks):
         cells = sweep.block(number)
         block = Block(sweep.parameters, sweep.lanes(cells))
-        judges = [BlockJudge(geometry, one, len(cells)) for one in sets]
+        classifiers = [BlockClassifier(geometry, one, len(cells)) for one in sets]
         for test in range(sweep.chunks):
             chunk = block.advance()
             slips = intervals_of(chunk)
-            for k, judge in enumerate(judges):
-                regimes[k, test, cells] = judge.judge(chunk.bridge_force, slips).regime
+            for k, classifier in enumerate(classifiers):
+                regimes[k, test, cells] = classifier.classify(chunk.bridge_force, slips).regime
     usual = MapFile.of(sweep, compute(sweep), "")
     maps = []
     for one in regimes:

@@ -137,8 +137,8 @@ def run_graph(
 
 def _load_compiled(sweep: Sweep) -> None:
     """Load the compiled kernel and classifier, or compile them: processes forked later have them already."""
-    from bow_classifier.precompile import warm
+    from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
 
     Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
-    warm()
+    precompile()

@@ -18,7 +18,7 @@ from kinematics import (
 from outlines import outline
 
 from bow_classifier import stream
-from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.stream import FORCE, SLIP, Classifier
 from bow_classifier.task import Task
 from bow_classifier.verdict.regimes import REGIMES
@@ -305,7 +305,7 @@ def test_a_plan_whose_rounds_change_what_is_known_is_ignored(rounds):
 def test_a_block_that_is_judged_to_the_end_keeps_only_its_answers():
     classifier = ready()
     feed(classifier, *everything())
-    assert classifier._blocks[0].judge is None
+    assert classifier._blocks[0].classifier is None
     assert judged(feed(classifier, *everything(attempt=2))) == [(0, chunk, 2) for chunk in range(CHUNKS)]
 
 
@@ -380,8 +380,8 @@ def test_every_cell_of_a_map_of_bow_position_is_judged_by_its_own():
         for name in (FORCE, SLIP):
             out += classifier.take(name, message(name, chunk, content=content[chunk], cells=task.outline.block(0)))
     last = cdr.unseal("Verdicts", out[-1])
-    judge = BlockJudge(Geometry.of(task.outline.parameters), task.thresholds, 3, bow_bridge=[5, 20, 35])
-    expected = [judge.judge(*chunk) for chunk in content[:2]][-1]
+    block = BlockClassifier(Geometry.of(task.outline.parameters), task.thresholds, 3, bow_bridge=[5, 20, 35])
+    expected = [block.classify(*chunk) for chunk in content[:2]][-1]
     for name in expected._fields:
         assert last[name].tobytes() == getattr(expected, name).tobytes()
     assert [REGIMES[code] for code in last["regime"]][:2] == ["multiple_slip", "multiple_flyback"]
