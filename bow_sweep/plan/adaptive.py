@@ -106,10 +106,15 @@ def next_round(
 
 
 def uncertainty(transient_periods: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return how little the cells around tell of a cell, (ny, nx): 0 = all, 1 = nothing; up to `ROUGHNESS` more.
+    """Return how uncertain the prediction of each cell is, (ny, nx): 0 = certain, 1 + `ROUGHNESS` = unknown.
 
-    It is `1 - |share coloured - share black|`, by weight, plus `ROUGHNESS` times the share coloured times s / (1 + s),
-    s being the variance of the transient's length in units of one test interval squared.
+    It is 1 - abs(share coloured - share black), by weight, plus `ROUGHNESS` times share coloured times s / (1 + s),
+    where s is the variance of the transient length in units of the test interval squared.
+
+    Parameters
+    ----------
+    transient_periods
+        As for :func:`next_round`.
     """
     known, coloured, length, square = _around(transient_periods, WIDE)
     certain = np.abs(2 * coloured - known) / (known + _PRIOR)

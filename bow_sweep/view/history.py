@@ -1,7 +1,7 @@
-"""What every cell went through, as a rerun recording of a finished map: `python -m bow_sweep.view.history RUN`.
+"""Every test of every cell, as a rerun recording of a finished map: `python -m bow_sweep.view.history RUN`.
 
-The timeline `periods` steps through the tests: regime, correlation, period and confidence at each. Beside them stands
-what sums a history up: transient length, regressions, flattening at the end, the number that belongs to the regime.
+The timeline `periods` steps through the tests: regime, correlation, period and confidence at each. Beside them are four
+summaries: transient length, regressions, flattening at the last test, the number in the name of the regime.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def write_history(path: Path, plane: MapFile) -> None:
     Raises
     ------
     MapFileError
-        For a map that kept no regimes: one from before there was a history.
+        For an older map, which does not have the regime of each test.
     """
     if plane.regimes is None or plane.confidence is None:
         raise MapFileError("the map keeps no regime of each test: it was made before maps had a history")
@@ -79,13 +79,13 @@ def write_history(path: Path, plane: MapFile) -> None:
 
 
 def _layer(grid: np.ndarray, scale: tuple[float, float]) -> rr.DepthImage:
-    """Return a layer whose values a viewer shows under the cursor."""
+    """Return a layer of numbers; the viewer shows the value under the cursor."""
     image = upright(np.asarray(grid, np.float32))
     return rr.DepthImage(image, meter=1.0, colormap="viridis", depth_range=scale, magnification_filter="nearest")
 
 
 def main() -> None:
-    """Write history.rrd beside the map of a run."""
+    """Write history.rrd into a run directory."""
     if len(sys.argv) != 2:
         raise SystemExit(f"usage: python -m bow_sweep.view.history RUN: writes RUN/{FILE}, to be opened with rerun")
     run = Path(sys.argv[1])
