@@ -148,13 +148,13 @@ def test_a_sweep_is_judged_duplicates_answered_and_the_rest_ignored(graph, class
     graph.until(lambda: len(graph.verdicts) == PARAMETERS.chunks + 1)
     graph.until(lambda: graph.health["classifier"].messages == 2 * PARAMETERS.chunks + 6)
 
-    classifier = BlockClassifier(Geometry.of(PARAMETERS), THRESHOLDS, 6)
+    block = BlockClassifier(Geometry.of(PARAMETERS), THRESHOLDS, 6)
     for chunk, data in enumerate(graph.verdicts[:-1]):
         verdict = cdr.unseal("Verdicts", data)
         assert cdr.identity(verdict) == (RUN, SWEEP, 0, chunk, 1)
         assert verdict["classifier"] == THRESHOLDS.hash
         assert verdict["incarnation"] == graph.health["classifier"].incarnation
-        expected = classifier.classify(
+        expected = block.classify(
             simulated[chunk].bridge_force, Intervals(*(getattr(simulated[chunk], n) for n in Intervals._fields))
         )
         for name, values in expected._asdict().items():
