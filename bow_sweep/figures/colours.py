@@ -8,9 +8,12 @@ is not used, so that the longest transient can be distinguished from black.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.maps.plane import regime_label
 
 BLACK, GREY = (0, 0, 0), (150, 150, 150)
 """No Helmholtz motion; a cell that was not computed."""
@@ -65,3 +68,17 @@ def regime_colours(names: Iterable[str]) -> list[tuple[int, int, int]]:
     """Return a colour for each regime; a regime has the same colour in every picture."""
     spare = itertools.cycle(SPARE_COLOURS)
     return [REGIME_COLOURS[name] if name in REGIME_COLOURS else next(spare) for name in names]
+
+
+def regime_legend(names: Sequence[str], rest: str = "pending") -> list[tuple[int, str, tuple[int, int, int]]]:
+    """Return code, label and colour of each regime and, last, of cells without a verdict.
+
+    Parameters
+    ----------
+    names
+        Of the regimes, by code.
+    rest
+        Label of the cells without a verdict.
+    """
+    labels = [*map(regime_label, names), rest]
+    return list(zip([*range(len(names)), PENDING], labels, [*regime_colours(names), GREY], strict=True))

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.colours import BLACK, GREY, regime_colours, transient_colours, viridis
+from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours, viridis
 from bow_sweep.figures.layout import Layout, cell_pixels, label, lengths_of, paint, percent, titles
 from bow_sweep.maps.map_file import MapFile, MapFileError
 from bow_sweep.maps.plane import (
@@ -22,7 +22,6 @@ from bow_sweep.maps.plane import (
     TEST_RANGES,
     WANTED,
     Plane,
-    regime_label,
 )
 
 MAP_PIXELS = (1280, 640)
@@ -74,9 +73,8 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
 def regime_picture(plane: Plane) -> np.ndarray:
     """Return the colour of each cell's regime, (ny, nx, 3) uint8; grey where there is no verdict."""
     table = np.full((PENDING + 1, 3), GREY, np.uint8)
-    colours = regime_colours(plane.regime_names)
-    if colours:
-        table[: len(colours)] = colours
+    for code, _, colour in regime_legend(plane.regime_names):
+        table[code] = colour
     return table[plane.regime]
 
 
@@ -111,12 +109,11 @@ def _scale_with_counts(layout: Layout, plane: Plane, left: float, top: float, he
 def _regime_legend(layout: Layout, plane: Plane, left: float, top: float) -> None:
     """Draw a legend of the regimes with numbers and shares of cells."""
     counts = plane.regime_counts()
-    names = [*map(regime_label, plane.regime_names), "not computed"]
-    rows = list(zip(names, [*regime_colours(plane.regime_names), GREY], counts, strict=True))
+    rows = list(zip(regime_legend(plane.regime_names, "not computed"), counts, strict=True))
     if not counts[-1]:
         rows.pop()
     pitch = min(46.0, MAP_PIXELS[1] / 2 / max(len(rows), 1))
-    for row, (name, colour, count) in enumerate(rows):
+    for row, ((_, name, colour), count) in enumerate(rows):
         at = top + row * pitch
         layout.swatch(colour, left, at, 0.65 * pitch, 0.65 * pitch)
         middle = at + 0.33 * pitch

@@ -147,14 +147,14 @@ class FileChecks:
                 differs &= ~(np.isnan(right) & np.isnan(found))
             if right.ndim < 2:
                 if differs.any():
-                    self._problem(path, f"{name} is not what the plan says")
+                    self._problem(path, f"{name} differs from the plan")
                 continue
             differs = differs.reshape(-1, self.expected.cells)
             if name in _TESTED:
                 differs[:, ~self.done] = False
             if differs.any():
                 cell = int(np.flatnonzero(differs.any(axis=0))[0])
-                what = f"{name} is not what the verdicts say, in {int(differs.sum())} places, first at cell {cell}"
+                what = f"{name} differs from the verdicts in {int(differs.sum())} places, first at cell {cell}"
                 blocks = (n for n in range(self.expected.blocks) if cell in self.expected.block(n))
                 self._problem(path, what, next(blocks, None))
 
@@ -186,7 +186,7 @@ class FileChecks:
             if name not in given:
                 self._problem(path, f"holds no {name}")
             elif not _equal(given[name], value):
-                self._problem(path, f"{name} is {_short(given[name])}, the bag says {_short(value)}")
+                self._problem(path, f"{name} is {_short(given[name])}, in the bag it is {_short(value)}")
 
     # ---- the ledger
 
@@ -205,13 +205,13 @@ class FileChecks:
             if event == "planned":
                 for name, value in self._plan().items():
                     if entry.get(name) != value:
-                        self._problem(path, f"{name} is {_short(entry.get(name))}, the bag says {_short(value)}")
+                        self._problem(path, f"{name} is {_short(entry.get(name))}, in the bag it is {_short(value)}")
             if isinstance(block, int):
                 states[block] = _EVENTS.get(event, states.get(block, 0))
         for block in range(self.expected.blocks):
             if states.get(block, 0) != self.states[block]:
-                said, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
-                self._problem(path, f"the ledger says {said}, the plan in the bag {planned}", block)
+                state, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
+                self._problem(path, f"is {state} in the ledger, {planned} in the plan of the bag", block)
 
 
 def _equal(one: Any, other: Any) -> bool:

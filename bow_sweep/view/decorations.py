@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_colours, transient_colours, viridis
-from bow_sweep.maps.plane import TEST_RANGES, Plane, regime_label, terrain_label
+from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_legend, transient_colours, viridis
+from bow_sweep.maps.plane import TEST_RANGES, Plane, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
 
 MIN_BAR = 36.0
@@ -115,9 +115,10 @@ def regime_decorations(plane: Plane) -> Decorations:
     """Return the decorations of the regimes: a bar of their colours with their names."""
     made = surroundings(plane)
     made.bounds = ((made.bounds[0][0], made.bounds[0][1] + 8 * made.unit), made.bounds[1])
-    colours = np.array([*regime_colours(plane.regime_names), GREY], np.uint8)
-    names = [*map(regime_label, plane.regime_names), "pending"]
-    _scale(made, plane, colours, names, "regime", extras=False, words_at=15.0)
+    legend = regime_legend(plane.regime_names)
+    colours = np.array([colour for _, _, colour in legend], np.uint8)
+    labels = [label for _, label, _ in legend]
+    _scale(made, plane, colours, labels, "regime", extras=False, words_at=15.0)
     return made
 
 

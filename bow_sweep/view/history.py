@@ -13,10 +13,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.colours import GREY, HEADROOM, regime_colours
+from bow_sweep.figures.colours import HEADROOM, regime_legend
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz
-from bow_sweep.maps.plane import regime_label, upright
+from bow_sweep.maps.plane import upright
 from bow_sweep.view.blueprint import GROUND
 
 FILE = "history.rrd"
@@ -47,10 +46,7 @@ def write_history(path: Path, plane: MapFile) -> None:
         raise MapFileError("the map keeps no regime of each test: it was made before maps had a history")
     record = rr.RecordingStream("bow_history", recording_id=plane.run_id or None)
     record.save(path)
-    names = [*plane.regime_names, "pending"]
-    codes = [*range(len(plane.regime_names)), PENDING]
-    colours = [*regime_colours(plane.regime_names), GREY]
-    legend = [(code, regime_label(name), (*c, 255)) for code, name, c in zip(codes, names, colours, strict=True)]
+    legend = [(code, label, (*colour, 255)) for code, label, colour in regime_legend(plane.regime_names)]
     record.log("steps/regime", rr.AnnotationContext(legend), static=True)
     flat = plane.flattening
     spread = float(np.nanmax(np.abs(flat), initial=1.0))

@@ -19,8 +19,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_colours
+from bow_sweep.figures.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_legend
 from bow_sweep.maps.plane import (
     CLEAR,
     NEVER,
@@ -28,7 +27,6 @@ from bow_sweep.maps.plane import (
     TEST_LAYERS,
     TEST_RANGES,
     Snapshot,
-    regime_label,
     terrain_label,
     upright,
 )
@@ -187,18 +185,15 @@ class Board:
         masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
         for place in ("map", "tests"):
             log(place, rr.AnnotationContext(masks), static=True)
-        names = [*snapshot.regime_names, "pending"]
-        labels = [regime_label(name) for name in names]
-        colours = [*regime_colours(snapshot.regime_names), GREY]
-        codes = [*range(len(snapshot.regime_names)), PENDING]
-        regimes = [(code, label, (*colour, 255)) for code, label, colour in zip(codes, labels, colours, strict=True)]
+        legend = regime_legend(snapshot.regime_names)
+        regimes = [(code, label, (*colour, 255)) for code, label, colour in legend]
         log("regime", rr.AnnotationContext(regimes), static=True)
         kinds = [
             (code, terrain_label(kind), (*colour, 255))
             for code, (kind, colour) in enumerate(zip(TERRAINS, TERRAIN_COLOURS, strict=True))
         ]
         log("terrain", rr.AnnotationContext([*kinds, (UNKNOWN, "unknown", (*GREY, 255))]), static=True)
-        for name, label, colour in zip(names, labels, colours, strict=True):
+        for name, (_, label, colour) in zip([*snapshot.regime_names, "pending"], legend, strict=True):
             visible = colour if max(colour) > 100 else PALE  # the darkest cannot be seen on a dark background
             log(f"counts/{name}", rr.SeriesLines(names=label, colors=visible, widths=2.0), static=True)
         for name in ("cells_done", "cells_per_second"):

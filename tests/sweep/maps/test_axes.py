@@ -55,7 +55,7 @@ def test_two_values_take_the_usual_scale_of_their_parameter():
 
 
 @pytest.mark.parametrize("values", [[], [1.0, np.nan], [1.0, 1.0], [1.0, 3.0, 2.0], [[1.0, 2.0]]])
-def test_what_is_no_axis_is_refused(values):
+def test_values_that_do_not_make_an_axis_are_refused(values):
     with pytest.raises(ValueError, match="axis f_asym"):
         PlotAxis.of("f_asym", np.array(values))
 

@@ -1,4 +1,4 @@
-"""What of a run is drawn when, and what its accounts say."""
+"""What is drawn of a run, and when; its status page."""
 
 import time
 
