@@ -14,10 +14,12 @@ import threading
 import traceback
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import rclpy
-from bow_msgs.msg import Health
+from bow_msgs.msg import Health, Plan
 from builtin_interfaces.msg import Time
+from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.exceptions import ParameterException
@@ -31,6 +33,8 @@ from rclpy.utilities import remove_ros_args
 from bow_sim.graph import discovery, environment
 from bow_sim.graph.diagnosis import network_hints
 from bow_sim.graph.shm_notes import Note
+from bow_sim.protocol import cdr
+from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import DEAF_S, HELLO_S, LEFT, AwakeClock, Neighbour, Neighbours
@@ -73,6 +77,9 @@ class StartupError(Exception):
 SINGLE = ("coordinator", "recorder", "classifier")
 """Roles of which a namespace has one node, whatever it is called; of the others one of each name."""
 
+LOG_AGAIN_S = 5.0
+"""Between two lines in the log on the same trouble."""
+
 LOOK_S = 0.05
 """Between two looks at whether a heartbeat is due."""
 
@@ -91,6 +98,8 @@ class BowNode(Node):
         The message of the next heartbeat: count messages, bytes, duplicates and ignored ones in its fields.
     neighbours
         The other nodes of the namespace.
+    authority
+        Decides whose plan is obeyed.
     awake
         Clock for what the others do: it stands still while this process is stopped.
     finished, status
@@ -116,6 +125,7 @@ class BowNode(Node):
         )
         self.awake = AwakeClock()
         self.neighbours = Neighbours(self.incarnation, self.health.host, self.cares)
+        self.authority = Authority(self.works_for)
         self._next_beat = self._say_at = 0.0
         self._said = False
         self._health_publisher = self.create_publisher(Health, "health", LATCHED)
@@ -131,6 +141,43 @@ class BowNode(Node):
     def wall_time() -> Time:
         """Return the system's time, as a stamp."""
         return Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+
+    def declared(self, name: str, default: Any, what: str, between: tuple[int, int] | None = None) -> Any:
+        """Declare a read-only parameter, described by `what`, and return its value."""
+        descriptor = ParameterDescriptor(description=what, read_only=True)
+        if between is not None:
+            descriptor.integer_range = [IntegerRange(from_value=between[0], to_value=between[1], step=1)]
+        return self.declare_parameter(name, default, descriptor).value
+
+    # ---- what comes in
+
+    def ignore(self, why: str) -> None:
+        """Count a message that does not belong here, and log why."""
+        self.health.ignored += 1
+        self.get_logger().warning(f"ignored: {why}", throttle_duration_sec=LOG_AGAIN_S)
+
+    def decoded(self, name: str, data: bytes) -> dict[str, Any] | None:
+        """Return the fields of a message that carries no checksum; None if the bytes are not such a message."""
+        try:
+            return cdr.decode(name, data)
+        except cdr.WireError as error:
+            self.ignore(str(error))
+            return None
+
+    def subscribe_plan(self, take: Callable[[dict[str, Any], bytes], None]) -> None:
+        """Subscribe to `plan`; `take` gets each plan that is to be obeyed, decoded and as bytes."""
+
+        def on_plan(data: bytes) -> None:
+            plan = self.decoded("Plan", data)
+            if plan is None:
+                return
+            why = self.authority.objection(plan)
+            if why:
+                self.ignore(f"plan: {why}")
+            else:
+                take(plan, data)
+
+        self.create_subscription(Plan, "plan", on_plan, HEARD, raw=True)
 
     # ---- the heartbeat
 
@@ -184,13 +231,17 @@ class BowNode(Node):
         """A message of another node has come on a topic."""
         self.neighbours.heard(topic, incarnation, self.awake.now())
 
-    def is_heard(self, topics: Iterable[tuple[str, str]], run_id: str) -> bool:
-        """Return whether the readers of our topics, pairs of topic and role, say that they hear us; else wait for them.
+    def missing_readers(self, topics: Iterable[tuple[str, str]], run_id: str) -> list[str]:
+        """Return what keeps the readers of our topics, pairs of topic and role, from receiving them; empty if nothing.
 
-        At first it has to be said just now, later within `DEAF_S`.
+        They report it in their heartbeats: at first it must be reported just now, later within `DEAF_S`.
         """
         patience = HELLO_S if self.health.state == Health.STARTING else DEAF_S
-        missing = self.neighbours.missing(topics, run_id, self.awake.now(), patience)
+        return self.neighbours.missing(topics, run_id, self.awake.now(), patience)
+
+    def is_heard(self, topics: Iterable[tuple[str, str]], run_id: str) -> bool:
+        """Return whether the readers of our topics receive them; if not, wait for them, in state STARTING."""
+        missing = self.missing_readers(topics, run_id)
         if missing:
             self.become(Health.STARTING, f"waiting: {', '.join(missing)}")
         return not missing

@@ -8,21 +8,19 @@ After a restart the bag goes on in its next file.
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from bow_msgs.msg import Health, Receipt
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from bow_sim.graph.node_base import STREAM, BowNode, RCLError, live
+from bow_sim.graph.node_base import STREAM, BowNode, live
+from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
-from bow_sim.protocol.authority import Authority
-from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
+from bow_sim.protocol.neighbours import SILENT_S, Neighbour
 from bow_sim.protocol.states import PlanState
 from bow_sweep.record.bag import FOLDER, BagError
 from bow_sweep.record.expected import Expected
@@ -41,18 +39,14 @@ Answers on `receipts` for every chunk and verdict that is in the file.
 DEPTH = 1000
 """Messages kept for us on topics that are not KEEP_ALL."""
 
-RETRY_S = 0.25
-"""Between two tries to publish receipts while a subscriber hangs: publish() itself waits 0.1 s."""
-
 COMPLAINTS = 20
 """Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
-
 
 AGAIN_S = 2.0
 """Between two receipts for a block that is on the disk and not done: the first may have got lost."""
 
 READERS = (("receipts", "coordinator"),)
-"""Who has to hear what."""
+"""Pairs of topic and the role that has to receive it."""
 
 
 def subscription_qos(qos: Qos) -> QoSProfile:
@@ -74,41 +68,28 @@ class RecorderNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        texts = {
-            "runs_dir": ("runs", "directory of the run directories, each named by its run_id"),
-            "run_dir": ("", "exact run directory, instead of one below runs_dir"),
-        }
-        runs_dir, run_dir = (
-            self.declare_parameter(name, default, ParameterDescriptor(description=what, read_only=True)).value
-            for name, (default, what) in texts.items()
+        runs_dir = self.declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self.declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        self._sync = self.declared(
+            "sync", True, "report a block as stored only when it is on the disk; false: when it is in the file"
         )
-        switches = {
-            "sync": "say that a block is stored only when it is on the disk; false: when it is in the file",
-            "lock": "lock run directories; false: not, for file systems without locks",
-        }
-        self._sync, self._locks = (
-            self.declare_parameter(name, True, ParameterDescriptor(description=what, read_only=True)).value
-            for name, what in switches.items()
-        )
+        self._locks = self.declared("lock", True, "lock run directories; false: not, for file systems without locks")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
-        self._outbox: deque[bytes] = deque()
-        self._try_at = self._last_sent = self._waits_until = self._last_said = 0.0
-        self._authority = Authority(self.works_for)
+        self._waits_until = self._last_said = 0.0
         # In the bag a topic has the name that readers look for, also where it is remapped on the graph.
         prefix = self.get_namespace().rstrip("/")
         self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
-        self._receipts = self.create_publisher(Receipt, "receipts", STREAM)
+        self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
+        self.subscribe_plan(self._on_plan)
         for topic in TOPICS.values():
-            if topic.name == "receipts":
-                continue  # our own: written as they are made
-            kind = _class_of(topic)
-            taker = self._on_plan if topic.name == "plan" else self._taker(topic, kind)
-            self.create_subscription(kind, topic.name, taker, subscription_qos(topic.qos), raw=True)
+            if topic.name not in ("plan", "receipts"):  # our own receipts are written as they are made
+                kind, qos = _class_of(topic), subscription_qos(topic.qos)
+                self.create_subscription(kind, topic.name, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
         self.become(Health.READY, "waits for a plan")
 
@@ -147,17 +128,12 @@ class RecorderNode(BowNode):
 
     # ---- the plan opens and closes the bag
 
-    def _on_plan(self, data: bytes) -> None:
-        try:
-            plan = cdr.decode("Plan", data)
-        except cdr.WireError as error:
-            self._complain(f"plan: {error}")
-            return
-        why = self._authority.objection(plan)
-        if why:
-            self.health.ignored += 1
-            self._complain(f"plan: {why}")
-            return
+    def ignore(self, why: str) -> None:
+        """Count a message that does not belong here, and log why."""
+        self.health.ignored += 1
+        self._complain(why)
+
+    def _on_plan(self, plan: dict[str, Any], data: bytes) -> None:
         session = self._session
         if session is not None:
             if (plan["run_id"], plan["sweep_id"]) == (session.expected.run_id, session.expected.sweep_id):
@@ -166,7 +142,7 @@ class RecorderNode(BowNode):
             self._finish(f"run {plan['run_id']} opens")
         self._waiting = None
         if (plan["run_id"], plan["epoch"]) == self._done_with:
-            self._authority.release()
+            self.authority.release()
             self.health.ignored += plan["state"] == PlanState.OPEN
             return
         self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
@@ -179,9 +155,8 @@ class RecorderNode(BowNode):
         if not self.works_for(plan["incarnation"], run):  # a plan out of a bag, or it has not heard of us yet
             if self.awake.now() > self._waits_until:
                 self._waiting = None
-                self._authority.release()
-                self.health.ignored += 1
-                self._complain(f"plan: run {run}: no living coordinator {plan['incarnation']} that hears this recorder")
+                self.authority.release()
+                self.ignore(f"plan: run {run}: no living coordinator {plan['incarnation']} that hears this recorder")
             return
         self._waiting = None
         try:
@@ -232,15 +207,13 @@ class RecorderNode(BowNode):
             self._last_said = self.awake.now()
             session.say_again()
         self._commit(session)
-        self._look(session)
-        self._publish()
+        self._check_readers(session)
 
-    def _look(self, session: Session) -> None:
-        """Be at work as long as the coordinator of this run says that it hears our receipts."""
-        run, starting, now = session.expected.run_id, self.health.state == Health.STARTING, self.awake.now()
-        if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
-            self._send(session.empty_receipt())
-        if self.is_heard(READERS, run) and starting:
+    def _check_readers(self, session: Session) -> None:
+        """Be at work as long as the coordinator of this run reports that it receives the receipts."""
+        starting = self.health.state == Health.STARTING
+        self._outbox.send_hello(session.empty_receipt)
+        if self.is_heard(READERS, session.expected.run_id) and starting:
             self.become(Health.BUSY, f"records to {session.bag.path}")
 
     def beat(self) -> None:
@@ -261,32 +234,10 @@ class RecorderNode(BowNode):
         except OSError as error:
             self._fail(session, error)
             return
-        self._send(message)
+        self._outbox.send([message] if message else ())
         for complaint in list(session.complaints):
             self._complain(complaint)
         session.complaints.clear()
-
-    def _send(self, message: bytes | None) -> None:
-        if message is not None:
-            self._outbox.append(message)
-            self._publish()
-
-    def _publish(self) -> None:
-        """Publish the receipts that are due, in order; what cannot go out now waits. Credit bounds how many can."""
-        while self._outbox and time.monotonic() >= self._try_at:
-            try:
-                self._receipts.publish(self._outbox[0])
-            except RCLError as error:
-                self._try_at = time.monotonic() + RETRY_S
-                listeners = self.get_subscriptions_info_by_topic(self._receipts.topic_name)
-                names = ", ".join(sorted({listener.node_name for listener in listeners}))
-                self.get_logger().warning(
-                    f"{len(self._outbox)} receipts wait, one of the subscribers hangs ({names}): {error}",
-                    throttle_duration_sec=5.0,
-                )
-            else:
-                self._outbox.popleft()
-                self._last_sent = self.awake.now()
 
     def _complain(self, complaint: str) -> None:
         self._complained += 1
@@ -300,13 +251,13 @@ class RecorderNode(BowNode):
             return
         run = session.expected.run_id
         self._done_with = (run, session.last_plan["epoch"]) if session.closed else ("", 0)
-        self._authority.release()
+        self.authority.release()
         try:
             message = session.close(time.time_ns())
         except OSError as error:
             self._fail(session, error)
             return
-        self._send(message)
+        self._outbox.send([message] if message else ())
         self._count(session)
         self.become(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
@@ -314,7 +265,7 @@ class RecorderNode(BowNode):
         """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
         self._session = None
         self._done_with = (session.expected.run_id, session.last_plan["epoch"])
-        self._authority.release()
+        self.authority.release()
         session.abandon()
         what = f"{session.bag.path}: {error.strerror or error}; nothing more is recorded; make room and resume"
         self.get_logger().error(what)

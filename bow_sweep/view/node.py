@@ -13,12 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.qos import QoSProfile
 
-from bow_sim.graph.node_base import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_after, live
+from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError, end_after, live
 from bow_sim.protocol import cdr
-from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.view.status_page import Node
 from bow_sweep.view.viewer import Viewer
@@ -53,13 +51,13 @@ class DashboardNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("dashboard")
-        runs_dir = self._declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
-        run_dir = self._declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        runs_dir = self.declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self.declared("run_dir", "", "exact run directory, instead of one below runs_dir")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
-        self._view = self._declared("view", False, "open the live viewer when a sweep opens")
-        self._port = self._declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", 65535)
+        self._view = self.declared("view", False, "open the live viewer when a sweep opens")
+        self._port = self.declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", (0, 65535))
         memory = "what the server keeps for viewers that come late, such as 256MiB, 1GB or 10%"
-        self._memory = self._declared("server_memory", "256MiB", memory)
+        self._memory = self.declared("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
         self._show: Show | None = None
@@ -69,10 +67,9 @@ class DashboardNode(BowNode):
         self._viewer: Viewer | None = None
         self._notes: list[str] = []
         self._nodes: dict[str, Node] = {}
-        self._authority = Authority(self.works_for)
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
+        self.subscribe_plan(self._on_plan)
         for kind, topic, taker, qos in (
-            (Plan, "plan", self._on_plan, HEARD),
             (BasinMap, "basin_map", self._on_map, LATCHED),
             (BridgeForce, "inspect", self._on_inspect, patient),
         ):
@@ -81,12 +78,6 @@ class DashboardNode(BowNode):
         from bow_sweep.view import live_run  # noqa: F401  # rerun takes a second to import: now, while the others start too
 
         self.become(Health.READY, "waits for a plan")
-
-    def _declared(self, name: str, default: Any, what: str, most: int = 0) -> Any:
-        descriptor = ParameterDescriptor(description=what, read_only=True)
-        if most:
-            descriptor.integer_range = [IntegerRange(from_value=0, to_value=most, step=1)]
-        return self.declare_parameter(name, default, descriptor).value
 
     def _taker(self, name: str, take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
         """Return what hands the fields of a message on, and counts it; what is no such message is counted apart."""
@@ -97,21 +88,15 @@ class DashboardNode(BowNode):
             try:
                 take(cdr.unseal(name, data) if name == "BridgeForce" else cdr.decode(name, data))
             except cdr.WireError as error:
-                self._ignore(str(error))
+                self.ignore(str(error))
 
         return taker
 
-    def _ignore(self, why: str) -> None:
-        self.health.ignored += 1
-        self.get_logger().warning(f"ignored: {why}", throttle_duration_sec=1.0)
-
     # ---- the plan opens and finishes the recording
 
-    def _on_plan(self, plan: dict[str, Any]) -> None:
-        why = self._authority.objection(plan)
-        if why:
-            self._ignore(f"plan: {why}")
-            return
+    def _on_plan(self, plan: dict[str, Any], data: bytes) -> None:
+        self.health.messages += 1
+        self.health.bytes += len(data)
         run, epoch = plan["run_id"], plan["epoch"]
         if self._show is not None:
             if run == self._show.run_id:
@@ -128,13 +113,13 @@ class DashboardNode(BowNode):
 
         run = plan["run_id"]
         if not IDENTITY.fullmatch(run):
-            self._ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
+            self.ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
             return
         directory = self._run_dir or self._runs_dir / run
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
             return  # over before we came, and nobody asked for this very run
         if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
-            self._ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
+            self.ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
             return
         self._let_go()
         notes = []

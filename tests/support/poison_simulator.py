@@ -23,11 +23,12 @@ def poison_simulator() -> object:
     from bow_sim.protocol import cdr
 
     class PoisonSimulator(SimulatorNode):
-        def _publish(self, messages: Sequence[bytes]) -> None:
-            super()._publish(messages)
+        def _publish(self, messages: Sequence[bytes]) -> bool:
+            published = super()._publish(messages)
             seen = cdr.identity(cdr.decode("BridgeForce", messages[0]))
             if (seen.block, seen.chunk) == (int(os.environ["POISON_BLOCK"]), CHUNK):
                 die()
+            return published
 
     return PoisonSimulator()
 

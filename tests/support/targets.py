@@ -10,7 +10,6 @@ import functools
 import json
 import random
 import shutil
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,6 +27,9 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
+from bow_sim.protocol.states import NodeState
+from bow_sim.simulator_events import BlockReceived, Log, ReceiptReceived
+from bow_sim.simulator_session import SimulatorSession
 from bow_sweep.coordinator.resume import prepare
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz, write_map_npz
@@ -176,26 +178,20 @@ class Targets:
 
     def block(self, chance: Chance) -> None:
         """A Block message is one that can be computed, or it is said why not."""
-        from bow_sim.node import Job, SimulatorNode
-
         lines = list(SWEEP.settings()) if chance.random() < 0.7 else []
         settings = [line.replace("\0", "") for line in [*lines, *odd_settings(chance)]]
         count = chance.choice([0, 1, 5, 8, 2000])
         message = {"run_id": "run", "sweep_id": "s", "epoch": 1, "fingerprint": "f", "block": 0, "attempt": 1}
         message |= {"spec.settings": settings, "cells": odd_array(chance, count, np.uint32)}
         message |= {axis: odd_array(chance, count, np.float64) for axis in ("x", "y")}
-        node = SimpleNamespace(health=SimpleNamespace(state=1, detail=""), _run=("run", "s"), _epoch=1, _held=[])
-        node._fingerprint, node._lock = "f", threading.Condition()
-        try:
-            job = SimulatorNode._accept(node, message)  # type: ignore[arg-type]
-        except ValueError as error:
-            assert str(error)
-        else:
-            assert isinstance(job, Job)
+        message |= {"coordinator": "c", "simulator": "s"}
+        session = SimulatorSession("s", "f", lambda *_: True)
+        session.run, session.state = ("run", "s"), NodeState.READY
+        out = session.handle(BlockReceived(message), 0.0)
+        assert session.held == [(0, 1)] or any(isinstance(item, Log) and item.text for item in out)
 
     def answers(self, chance: Chance) -> None:
         """Receipts and verdicts that don't fit are counted by simulator and coordinator, and no more."""
-        from bow_sim.node import SimulatorNode
         from bow_sweep.coordinator.node import CoordinatorNode
 
         name = chance.choice(["Receipt", "Verdicts"])
@@ -213,12 +209,11 @@ class Targets:
         ledger = Ledger(SWEEP.blocks, SWEEP.chunks)
         coordinator._handle = lambda event: ledger.handle(event, 0.0)
         coordinator._mine = functools.partial(CoordinatorNode._mine, coordinator)
-        simulator = SimpleNamespace(health=SimpleNamespace(ignored=0), _run=(recording.RUN, SWEEP.sweep_id))
-        simulator.heard = coordinator.heard
-        simulator._lock, simulator._window = threading.Condition(), recording_window()
+        simulator = SimulatorSession("s", "f", lambda *_: True)
+        simulator.run, simulator._window = (recording.RUN, SWEEP.sweep_id), recording_window()
         if name == "Receipt":
             CoordinatorNode._on_receipts(coordinator, data)  # type: ignore[arg-type]
-            SimulatorNode._on_receipts(simulator, data)  # type: ignore[arg-type]
+            simulator.handle(ReceiptReceived(cdr.decode(name, data)), 0.0)
         else:
             CoordinatorNode._on_verdicts(coordinator, data)  # type: ignore[arg-type]
 
