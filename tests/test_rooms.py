@@ -16,6 +16,7 @@ FRAMEWORKS = {"rclpy", "mcap", "rerun", "bow_msgs"}
 IMPURE = {
     "bow_sim.node": {"rclpy", "bow_msgs"},
     "bow_sim.graph.node_base": {"rclpy", "bow_msgs"},
+    "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},

@@ -1,6 +1,7 @@
 """What every process of the graph shares: its node, its environment, its shared memory.
 
 node_base    the base class of all nodes: quality of service, health, start and end
+outbox       messages that must all go out, in order, also while a subscriber hangs
 discovery    how far a graph reaches: this machine unless the user says more
 diagnosis    what may keep nodes from hearing each other
 environment  what a process takes over from its caller: files, signals, variables

@@ -203,19 +203,20 @@ def test_a_verdict_that_cannot_go_out_is_kept_and_the_subscribers_named(ros_doma
 
         listeners = lambda: classifier.get_subscriptions_info_by_topic(Hanging.topic_name)
         graph.until(lambda: {listener.node_name for listener in listeners()} == {"coordinator", "recorder"})
-        monkeypatch.setattr(classifier, "_verdicts", Hanging())
+        outbox = classifier._outbox
+        monkeypatch.setattr(outbox, "_publisher", Hanging())
         monkeypatch.setattr(classifier, "get_logger", Log)
-        classifier._send([b"first"])
-        classifier._send([b"second", b"third"])
+        outbox.send([b"first"])
+        outbox.send([b"second", b"third"])
         assert sent == []
         assert "(coordinator, recorder)" in said[0]
         assert "cannot publish data" in said[0]
         assert len(said) == 1  # the timer tries again; each message does not
-        classifier._publish()
+        outbox.flush()
         assert len(said) == 2
         hangs = False
-        classifier._publish()
-        classifier._send([b"fourth"])
+        outbox.flush()
+        outbox.send([b"fourth"])
         assert sent == [b"first", b"second", b"third", b"fourth"]
     finally:
         classifier.destroy_node()

@@ -27,7 +27,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
 from bow_sim.block_request import BlockRequest
 from bow_sim.kernel.fingerprint import fingerprint
@@ -133,7 +133,7 @@ class Sessions(RuleBasedStateMachine):
 
     def tell(self, event: Event) -> list[Instruction]:
         """Give the session an event and check what it answers."""
-        before = len(self.prepared)
+        before, rests = len(self.prepared), not self.work
         out = self.session.handle(event, self.now)
         self.held += self.prepared[before:]
         reports = [item for item in out if isinstance(item, Report)]
@@ -162,7 +162,7 @@ class Sessions(RuleBasedStateMachine):
                     self.unanswered[key] = (messages, set())
                 case Publish(messages, again=True):
                     assert self.alive
-                    assert not self.work or all(known.again for known in self.work if isinstance(known, Publish))
+                    assert rests
                     assert messages in [sent for sent, _ in self.unanswered.values()]
                 case Publish(messages):
                     assert messages == HELLO
@@ -175,6 +175,7 @@ class Sessions(RuleBasedStateMachine):
                     self.failed = False
             if isinstance(item, ComputeChunk | Publish):
                 self.work.append(item)
+        self.what_is_held_and_under_way_is_bounded()
         return out
 
     @rule(
@@ -188,9 +189,19 @@ class Sessions(RuleBasedStateMachine):
         self.take_plan(plan(run, epoch, settled, state=state, incarnation=sender))
 
     @precondition(lambda self: self.run != NO_RUN)
-    @rule(settled=st.sets(st.integers(0, BLOCKS - 1), max_size=2), later=st.sampled_from([0, 0, 0, 1]))
-    def receive_plan_of_the_run(self, settled: set[int], later: int) -> None:
+    @rule(settled=st.sets(st.integers(0, BLOCKS - 1), max_size=2), answered=st.booleans(), later=st.booleans())
+    def receive_plan_of_the_run(self, settled: set[int], answered: bool, later: bool) -> None:
+        """Blocks settle, among them one under way if `answered`; or a newer epoch begins."""
+        settled |= {number for number, _ in list(self.unanswered)[:answered]}
         self.take_plan(plan(self.run, self.epoch + later, settled))
+
+    @precondition(lambda self: self.run != NO_RUN)
+    @rule(run=st.sampled_from(RUNS), epoch=st.integers(1, 3), closes=st.booleans())
+    def coordinator_begins_another_run(self, run: tuple[str, str], epoch: int, closes: bool) -> None:
+        if closes:
+            self.take_plan(plan(self.run, self.epoch, state=PlanState.CLOSED))
+        self.living = {(COORDINATOR, run[0])}
+        self.take_plan(plan(run, epoch))
 
     def take_plan(self, message: dict[str, Any]) -> None:
         self.seen.append(message)
@@ -272,16 +283,12 @@ class Sessions(RuleBasedStateMachine):
 
     @rule(
         keys=st.lists(st.tuples(st.integers(0, BLOCKS - 1), st.integers(0, CHUNKS), st.sampled_from(ReceiptKind))),
-        of_unanswered=st.booleans(),
-        run=st.sampled_from(RUNS),
-        own_run=st.sampled_from([True, True, False]),
+        unanswered=st.integers(0, 2),
+        run=st.sampled_from([None, None, *RUNS]),
     )
-    def receive_receipt(
-        self, keys: list[tuple[int, int, int]], of_unanswered: bool, run: tuple[str, str], own_run: bool
-    ) -> None:
-        if of_unanswered:
-            keys += [(*key, kind) for key in list(self.unanswered)[:2] for kind in (0, 1)]
-        self.take_receipt(receipt(keys, self.run if own_run and self.run != NO_RUN else run))
+    def receive_receipt(self, keys: list[tuple[int, int, int]], unanswered: int, run: tuple[str, str] | None) -> None:
+        keys += [(*key, kind) for key in list(self.unanswered)[:unanswered] for kind in (0, 1)]
+        self.take_receipt(receipt(keys, run or self.run))
 
     def take_receipt(self, message: dict[str, Any]) -> None:
         self.seen.append(message)
@@ -339,7 +346,6 @@ class Sessions(RuleBasedStateMachine):
     def coordinator_goes_or_is_back(self, gone: set[str]) -> None:
         self.living = {(COORDINATOR, run) for run, _ in RUNS if run not in gone}
 
-    @invariant()
     def what_is_held_and_under_way_is_bounded(self) -> None:
         assert [held.key for held in self.held] == self.session.held
         assert sum(not self.is_void(held) for held in self.held) <= 2
