@@ -20,31 +20,39 @@ strangers, of other runs and epochs. It holds
 from __future__ import annotations
 
 from collections import deque
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
+from session_messages import (
+    BLOCKS,
+    CHUNKS,
+    COORDINATOR,
+    OWN,
+    RUNS,
+    STRANGER,
+    block,
+    chunk_messages,
+    plan,
+    receipt,
+    request,
+)
 
 from bow_sim.block_request import BlockRequest
-from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import RESEND_S
-from bow_sim.protocol.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S
-from bow_sim.protocol.states import BlockState, NodeState, PlanState, ReceiptKind
+from bow_sim.protocol.neighbours import DEAF_S
+from bow_sim.protocol.states import NodeState, PlanState, ReceiptKind
 from bow_sim.simulator_events import (
     BlockReceived,
     ChunkComputed,
     ChunkFailed,
     ComputeChunk,
     Event,
-    Ignore,
     Instruction,
-    Log,
     PlanReceived,
     Publish,
     Published,
@@ -56,41 +64,8 @@ from bow_sim.simulator_events import (
     WorkerIdle,
 )
 from bow_sim.simulator_session import NO_RUN, REFUSED, WORKING, SimulatorSession
-from bow_sweep.plan.sweep import Sweep
 
-OWN, COORDINATOR, STRANGER = "a" * 16, "c" * 16, "d" * 16
-RUNS = [("r1", "s1"), ("r1", "s2"), ("r2", "s2")]
-BLOCKS, CHUNKS = 4, 3
 HELLO = tuple(cdr.hello(name, OWN) for name in ("BridgeForce", "StickSlip"))
-
-
-def plan(run: tuple[str, str] = RUNS[0], epoch: int = 1, settled: Any = (), **changes: Any) -> dict[str, Any]:
-    states = np.full(BLOCKS, BlockState.OUTSTANDING, np.uint8)
-    states[list(settled)] = BlockState.DONE
-    values = {"run_id": run[0], "sweep_id": run[1], "epoch": epoch, "state": PlanState.OPEN, "block_states": states}
-    return {**values, "incarnation": COORDINATOR, **changes}
-
-
-def block(number: int = 0, attempt: int = 1, run: tuple[str, str] = RUNS[0], **changes: Any) -> dict[str, Any]:
-    values = {"run_id": run[0], "sweep_id": run[1], "coordinator": COORDINATOR, "simulator": OWN, "epoch": 1}
-    return {**values, "fingerprint": "f", "block": number, "attempt": attempt, "cells": [number], **changes}
-
-
-def receipt(entries: list[tuple[int, int, int]], run: tuple[str, str] = RUNS[0]) -> dict[str, Any]:
-    """A Receipt with entries of block, chunk and kind."""
-    columns = np.array(entries, np.uint32).reshape(-1, 3).T
-    return {"run_id": run[0], "sweep_id": run[1], **dict(zip(("block", "chunk", "kind"), columns, strict=True))}
-
-
-def request(message: dict[str, Any]) -> BlockRequest:
-    """Stands in for bow_sim.block_request.prepare: no kernel."""
-    if not message["cells"]:
-        raise ValueError("cells: there should be some")
-    return BlockRequest(message, SimpleNamespace(parameters=SimpleNamespace(chunks=CHUNKS)))  # type: ignore[arg-type]
-
-
-def chunk_messages(instruction: ComputeChunk) -> tuple[bytes, ...]:
-    return tuple(f"{name} {instruction.request.key} {instruction.chunk}".encode() for name in ("force", "slip"))
 
 
 class Sessions(RuleBasedStateMachine):
@@ -284,11 +259,12 @@ class Sessions(RuleBasedStateMachine):
     @rule(
         keys=st.lists(st.tuples(st.integers(0, BLOCKS - 1), st.integers(0, CHUNKS), st.sampled_from(ReceiptKind))),
         unanswered=st.integers(0, 2),
-        run=st.sampled_from([None, None, *RUNS]),
+        run=st.sampled_from(["own", "own", "another sweep", "another"]),
     )
-    def receive_receipt(self, keys: list[tuple[int, int, int]], unanswered: int, run: tuple[str, str] | None) -> None:
+    def receive_receipt(self, keys: list[tuple[int, int, int]], unanswered: int, run: str) -> None:
         keys += [(*key, kind) for key in list(self.unanswered)[:unanswered] for kind in (0, 1)]
-        self.take_receipt(receipt(keys, run or self.run))
+        runs = {"own": self.run, "another sweep": (self.run[0], "s9"), "another": ("r9", self.run[1])}
+        self.take_receipt(receipt(keys, runs[run]))
 
     def take_receipt(self, message: dict[str, Any]) -> None:
         self.seen.append(message)
@@ -328,8 +304,9 @@ class Sessions(RuleBasedStateMachine):
         else:
             self.tell(ChunkComputed(chunk_messages(instruction)))
 
-    @rule(seconds=st.sampled_from([0.1, 1.0, RESEND_S + 0.1]))
-    def worker_is_idle(self, seconds: float) -> None:
+    @rule(seconds=st.sampled_from([0.1, 1.0, RESEND_S + 0.1]), alive=st.booleans())
+    def worker_is_idle(self, seconds: float, alive: bool) -> None:
+        self.check_readers(self.readers_receive, alive)
         while self.work:
             self.worker_does_its_next_work(False)
         self.now += seconds
@@ -368,133 +345,3 @@ class Sessions(RuleBasedStateMachine):
 
 TestSessions = Sessions.TestCase
 TestSessions.settings = settings(max_examples=100, stateful_step_count=40, deadline=None)
-
-
-# ---- one statement each
-
-
-@pytest.fixture
-def session() -> SimulatorSession:
-    """A session that is ready in the first of `RUNS`, epoch 1."""
-    made = SimulatorSession(OWN, "f", lambda *_: True, credit=2, prepare=request)
-    made.handle(PlanReceived(plan()), 0)
-    made.handle(ReadersChecked((), consumers_alive=True), 0)
-    assert made.state == NodeState.READY
-    return made
-
-
-def compute(session: SimulatorSession, out: list[Instruction], now: float = 0.0) -> list[Instruction]:
-    """Do what a worker is told, until it is told nothing more; return all instructions."""
-    done = []
-    while out:
-        done += out
-        (item,) = [item for item in out if isinstance(item, ComputeChunk | Publish)] or [None]
-        if isinstance(item, ComputeChunk):
-            out = session.handle(ChunkComputed(chunk_messages(item)), now)
-        elif isinstance(item, Publish):
-            out = session.handle(Published(item, failed=False), now)
-        else:
-            break
-    return done
-
-
-def test_a_block_is_computed_as_far_as_credit_goes_and_to_its_end_when_it_is_answered(
-    session: SimulatorSession,
-) -> None:
-    out = compute(session, session.handle(BlockReceived(block()), 0))
-    assert [item.chunk for item in out if isinstance(item, ComputeChunk)] == [0, 1, 2]
-    assert len([item for item in out if isinstance(item, Publish)]) == 2
-    assert session.state == NodeState.BUSY
-    out = compute(session, session.handle(ReceiptReceived(receipt([(0, 0, 0), (0, 0, 1)])), 0))
-    assert len([item for item in out if isinstance(item, Publish)]) == 1
-    assert isinstance(out[-1], Report)
-    assert (out[-1].state, out[-1].held, out[-1].refused) == (NodeState.READY, (), ())
-
-
-def test_a_settled_block_is_dropped_before_its_next_message(session: SimulatorSession) -> None:
-    out = session.handle(BlockReceived(block()), 0)
-    assert any(isinstance(item, ComputeChunk) for item in out)
-    assert session.handle(PlanReceived(plan(settled=[0])), 0) == []  # the kernel is at it
-    (report,) = session.handle(ChunkComputed((b"force", b"slip")), 0)
-    assert isinstance(report, Report)
-    assert (report.held, report.refused) == ((), ((0, 1),))
-
-
-def test_hellos_are_frequent_until_the_streams_are_received_and_stop_while_chunks_are_under_way() -> None:
-    session = SimulatorSession(OWN, "f", lambda *_: True, prepare=request)
-    assert session.handle(WorkerIdle(), 0) == []  # no run
-    session.handle(PlanReceived(plan()), 0)
-
-    def hellos(now: float) -> int:
-        out = session.handle(WorkerIdle(), now)
-        for item in out:
-            assert isinstance(item, Publish)
-            session.handle(Published(item, failed=False), now)
-        return len(out)
-
-    assert [hellos(now) for now in (1, 1, 1 + FIRST_HELLO_S)] == [1, 0, 1]
-    session.handle(ReadersChecked((), consumers_alive=True), 1.2)
-    assert [hellos(now) for now in (1 + 0.5 * HELLO_S, 1.2 + HELLO_S)] == [0, 1]
-    compute(session, session.handle(BlockReceived(block()), 5), 5)
-    assert hellos(5 + HELLO_S) == 0
-
-
-def test_publishers_that_fail_for_good_are_created_again(session: SimulatorSession) -> None:
-    publish = next(item for item in session.handle(WorkerIdle(), 9) if isinstance(item, Publish))
-    session.handle(Published(publish, failed=True), 9)
-    assert session.handle(ReadersChecked((), consumers_alive=True), 9 + 2 * DEAF_S) == []  # it was for a moment
-    missing = ReadersChecked(("/bow/recorder does not hear bridge_force",), consumers_alive=True)
-    early = SimulatorSession(OWN, "f", lambda *_: True, prepare=request, now=8)
-    early.handle(PlanReceived(plan()), 9)
-    early.handle(Published(publish, failed=True), 9)
-    assert not any(isinstance(item, RecreatePublishers) for item in early.handle(missing, 9))
-    assert RecreatePublishers() in early.handle(missing, 8.1 + DEAF_S)
-    assert RecreatePublishers() not in early.handle(missing, 20 + DEAF_S)
-
-
-def test_a_lost_consumer_takes_the_simulator_out_of_work_until_it_is_back(session: SimulatorSession) -> None:
-    why = "/bow/recorder does not hear stick_slip"
-    (item,) = session.handle(ReadersChecked((why,), consumers_alive=True), 1)
-    assert item == SetState(NodeState.STARTING, f"waiting: {why}", "r1")
-    out = session.handle(BlockReceived(block()), 1)
-    assert any(isinstance(item, Log) and "not ready: waiting" in item.text for item in out)
-    (item,) = session.handle(ReadersChecked((), consumers_alive=True), 2)
-    assert item == SetState(NodeState.READY, "", "r1")
-
-
-def test_receipts_whose_arrays_differ_in_length_are_ignored(session: SimulatorSession) -> None:
-    odd = {**receipt([(0, 0, 0)]), "kind": np.zeros(2, np.uint8)}
-    (item,) = session.handle(ReceiptReceived(odd), 0)
-    assert isinstance(item, Ignore)
-
-
-def test_a_simulator_refuses_blocks_that_cannot_be_right() -> None:
-    sweep = Sweep.from_spec("fig11d", ["x.count=16", "y.count=8", "block_cells=8"])
-    run = ("run", sweep.sweep_id)
-    cells = sweep.block(3)
-    lanes = sweep.lanes(cells)
-
-    def objection(ready: bool = True, open_epoch: int = 1, **changes: Any) -> str:
-        session = SimulatorSession(OWN, fingerprint(), lambda *_: True)
-        session.handle(PlanReceived(plan(run, open_epoch)), 0)
-        session.handle(ReadersChecked(() if ready else ("no recorder",), consumers_alive=True), 0)
-        message = block(3, run=run, fingerprint=fingerprint(), cells=cells)
-        message |= {"spec.settings": list(sweep.settings()), "x": lanes["f_asym"], "y": lanes["f_init_ratio"]}
-        out = session.handle(BlockReceived({**message, **changes}), 0)
-        return "".join(item.text for item in out if isinstance(item, Log))
-
-    assert objection() == ""
-    assert "array lengths" in objection(x=lanes["f_asym"][:-1])
-    assert "array lengths" in objection(cells=[], x=[], y=[])
-    assert "f_asym" in objection(x=-lanes["f_asym"])
-    assert "f_asym" in objection(x=np.full(8, np.nan))
-    assert "f_init_ratio" in objection(y=np.full(8, np.inf))
-    assert "cells" in objection(cells=cells + 128)
-    assert "cells" in objection(cells=np.zeros(8, np.uint32))
-    assert "kernel" in objection(fingerprint="another")
-    assert "is not the open one" in objection(run_id="another")
-    assert "is not the open one" in objection(sweep_id="another")
-    assert "v_mid" in objection(**{"spec.settings": [*sweep.settings(), "v_mid=1"]})
-    assert "nonsense" in objection(**{"spec.settings": ["nonsense"]})
-    assert "epoch 1 is over" in objection(open_epoch=2)
-    assert "not ready" in objection(ready=False)
