@@ -11,7 +11,7 @@ from typing import Any
 
 from bow_msgs.msg import BridgeForce, Health, StickSlip, Verdicts
 
-from bow_classifier.precompile import warm
+from bow_classifier.precompile import precompile
 from bow_classifier.stream import Classifier
 from bow_sim.graph.node_base import LOG_AGAIN_S, STREAM, BowNode, live
 from bow_sim.graph.outbox import Outbox
@@ -51,7 +51,7 @@ class ClassifierNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("classifier")
-        warm()
+        precompile()
         self._classifier = Classifier(self.incarnation)
         self._outbox = Outbox(self, self.create_publisher(Verdicts, "verdicts", STREAM))
         self.subscribe_plan(self._on_plan)
@@ -74,8 +74,8 @@ class ClassifierNode(BowNode):
             self.become(Health.FAILED, classifier.problem)
         elif classifier.task is None:
             self.become(Health.STARTING, "waiting for a plan", run="")
-        elif self.health.run_id != classifier.task.run_id:
-            self.become(Health.STARTING, "a sweep opens", run=classifier.task.run_id)
+        elif self.health.run_id != classifier.task.outline.run_id:
+            self.become(Health.STARTING, "a sweep opens", run=classifier.task.outline.run_id)
             self._check_readers()
         self._report()
 
@@ -91,7 +91,7 @@ class ClassifierNode(BowNode):
             return
         starting = self.health.state == Health.STARTING
         self._outbox.send_hello(lambda: cdr.hello("Verdicts", self.incarnation))
-        if self.is_heard(READERS, task.run_id) and starting:
+        if self.is_heard(READERS, task.outline.run_id) and starting:
             self.become(Health.READY)
 
     def _on_stream(self, name: str, data: bytes) -> None:

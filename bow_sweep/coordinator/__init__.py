@@ -1,10 +1,14 @@
-"""Who hands out the blocks of a sweep until every one is done, recorded and judged.
+"""Sends the blocks of a sweep to simulators until every block is done or given up.
 
-simulator_pool  which simulators are ready, and hold which blocks
-consumers       the one recorder and the one classifier of a run
-closing         when a run is over
-messages        what the coordinator says, built from a run and its map
-results         what a finished run leaves beside its bag
-resume          going on with a run: ledger and bag against each other
-node            the coordinator node
+session            the coordinator as a state machine: events in, instructions out
+session_events     its events and instructions
+active_run         the run in progress
+simulator_pool     which simulators are ready, and which blocks each of them holds
+consumers          the one recorder and the one classifier of a run
+closing            when a closing run can be finished
+messages           plan, block, map, progress and result of a run
+standard_messages  map and health for standard ROS tools
+results            the files of a finished run beside its bag
+resume             resuming a run: ledger and bag are compared and repaired
+node               the coordinator node
 """

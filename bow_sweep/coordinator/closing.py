@@ -1,4 +1,4 @@
-"""When a run is over: the bag is closed and the dashboard has drawn, or they take too long. No ROS, no clock."""
+"""When a run that is closing can be finished: the bag is closed and the dashboard has drawn, or they take too long."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ from typing import Any
 from bow_sim.protocol.states import NodeState
 
 IDLE_S = 10.0
-"""After the plan has closed, a dashboard that is starting, or has no run yet, has this long to take this one up."""
+"""Seconds that a dashboard without a run, perhaps still starting, has to take up the run after its plan has closed."""
 
 DRAW_S = 20.0
-"""It has this long to draw: it is only for looking at, and may hang."""
+"""Seconds that a dashboard has to draw its last picture: it may hang, and no result depends on it."""
 
-DRAW_SAY_S = 5.0
-"""Waiting for it is said when it lasts so long."""
+DRAW_REPORT_S = 5.0
+"""After this many seconds of waiting for the dashboard the coordinator reports it."""
 
 CLOSE_S = 60.0
-"""The recorder has this long to close the bag before the results are written without it."""
+"""Seconds that the recorder has to close the bag, before the report is written without waiting for it."""
 
 
 def waits_for(nodes: Iterable[Any], run_id: str, waited: float, shown: bool) -> str:
-    """Return the role for which a run whose plan has closed waits; "" where it can be finished.
+    """Return the role that a closing run waits for; "" if it can be finished.
 
     Parameters
     ----------
     nodes
         The latest Health of each node.
     run_id
-        Of the run.
+        Of the closing run.
     waited
         Seconds since its plan closed.
     shown
         Whether a dashboard was started for it.
     """
-    gone, late = (NodeState.CLOSED, NodeState.FAILED, NodeState.DEAD), waited > IDLE_S
-    mine = [node for node in nodes if node.run_id == run_id or (not node.run_id and not late)]
-    recorded = any(node.role == "recorder" and node.state in (NodeState.CLOSED, NodeState.FAILED) for node in mine)
-    drawn = [node.state in gone for node in mine if node.role == "dashboard"]
+    ended, late = (NodeState.CLOSED, NodeState.FAILED, NodeState.DEAD), waited > IDLE_S
+    of_run = [node for node in nodes if node.run_id == run_id or (not node.run_id and not late)]
+    recorded = any(node.role == "recorder" and node.state in (NodeState.CLOSED, NodeState.FAILED) for node in of_run)
+    drawn = [node.state in ended for node in of_run if node.role == "dashboard"]
     if not recorded and waited <= CLOSE_S:
         return "recorder"
-    done = all(drawn) and (drawn or late or not shown)
-    return "" if done or waited > (DRAW_S if recorded else CLOSE_S) else "dashboard"
+    all_drawn = all(drawn) and (drawn or late or not shown)
+    return "" if all_drawn or waited > (DRAW_S if recorded else CLOSE_S) else "dashboard"

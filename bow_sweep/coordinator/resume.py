@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import FOLDER, BagError
 from bow_sweep.record.bag_contents import Survey
 from bow_sweep.record.inspection import Identity
-from bow_sweep.record.recover import LockedError, locked, repair
+from bow_sweep.record.recover import repair
 from bow_sweep.run.directory import (
     PICTURE,
     REPORT,
@@ -33,12 +32,12 @@ from bow_sweep.run.directory import (
     RunError,
     blocks_of,
     digest,
-    lock,
     planned,
     round_entry,
     sweep_of,
 )
 from bow_sweep.run.ledger_file import LEDGER, Reading, latest_states, read_leniently, set_ledger_aside, write_ledger
+from bow_sweep.run.lock import LockedError, LockError, locked
 
 Say = Callable[[str], None]
 """Takes a line for people."""
@@ -85,20 +84,12 @@ def prepare(directory: Path, say: Say = lambda _: None, locks: bool = True) -> P
     if not directory.is_dir():
         raise RunError(f"{directory / LEDGER}: no such directory; a run directory of `bow sweep` holds one")
     try:
-        with _coordinators_lock(directory, locks):
+        with locked(directory, "coordinator", locks):
             return _prepare(directory, say, locks)
+    except LockError as error:
+        raise RunError(str(error)) from None
     except OSError as error:
         raise RunError(f"{error.filename or directory}: {error.strerror or error}") from None
-
-
-@contextmanager
-def _coordinators_lock(directory: Path, locks: bool) -> Iterator[None]:
-    descriptor = lock(directory, "coordinator") if locks else -1
-    try:
-        yield
-    finally:
-        if descriptor >= 0:
-            os.close(descriptor)
 
 
 def resume(directory: Path, say: Say = lambda _: None, locks: bool = True) -> tuple[Run, dict[str, np.ndarray] | None]:
@@ -140,7 +131,7 @@ def _bag(directory: Path, reading: Reading, say: Say, locks: bool) -> Survey:
     bag = directory / FOLDER
     try:
         try:
-            with locked(directory, locks):
+            with locked(directory, "recorder", locks):
                 report, found = repair(bag, identity, resuming=True)
                 _sync(bag)
         except LockedError:  # the recorder of a graph whose coordinator was started again

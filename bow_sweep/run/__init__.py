@@ -3,7 +3,7 @@
 ledger         who has which block and what is acknowledged: a pure state machine
 ledger_events  what the ledger takes in, and what it answers
 ledger_file    the ledger on disk, ledger.jsonl
-lock           who is at work on a run directory
+lock           file locks of a run directory
 directory      the directory of a run: ledger, report
 campaign       several sweeps as one
 """

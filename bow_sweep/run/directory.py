@@ -26,7 +26,7 @@ from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run import ledger_file
 from bow_sweep.run.ledger import Ledger, State
 from bow_sweep.run.ledger_file import LEDGER, LedgerError, latest_states, set_ledger_aside
-from bow_sweep.run.lock import HeldError, take
+from bow_sweep.run.lock import LockError, take
 
 REPORT, PICTURE = "report.json", "map.png"
 VERSIONS_OF = (
@@ -46,19 +46,17 @@ class RunError(Exception):
 
 
 def lock(directory: Path, role: str) -> int:
-    """Hold the lock of a role on a run directory until this process ends; return its file descriptor.
+    """Lock a run directory for a role, see :func:`bow_sweep.run.lock.take`; return the file descriptor.
 
     Raises
     ------
     RunError
-        Where another process holds it, or there can be none.
+        Where the lock cannot be taken.
     """
     try:
         return take(directory, role)
-    except HeldError as error:
+    except LockError as error:
         raise RunError(str(error)) from None
-    except OSError as error:
-        raise RunError(f"{error.filename or directory}: {error.strerror}") from None
 
 
 def read_ledger(directory: Path) -> list[dict[str, Any]]:

@@ -59,13 +59,13 @@ __all__ = [
     "receipted",
 ]
 
-SUSPECT_DEATHS = 2
+SUSPECT_CRASHES = 2
 """A block that was being computed when this many simulators died runs alone from then on."""
 
-POISON_DEATHS = 3
-"""A block that was the only one in a simulator's hands in this many deaths is quarantined."""
+POISON_CRASHES = 3
+"""A block that was the only one in a simulator's hands in this many crashes is quarantined."""
 
-IN_HAND = 2
+MAX_IN_FLIGHT = 2
 """Blocks a simulator holds at most: one being computed, one waiting, so that it never idles."""
 
 DISK_S = 300.0
@@ -79,8 +79,8 @@ STALE_S = 6.0
 class _Block:
     state: State = State.DUE
     attempt: int = 0
-    deaths: int = 0
-    deaths_alone: int = 0
+    crashes: int = 0
+    crashes_alone: int = 0
     touched: float = 0.0
     on_disk: bool = False
     streams: dict[int, int] = field(default_factory=dict)
@@ -89,7 +89,7 @@ class _Block:
 
     @property
     def suspect(self) -> bool:
-        return self.deaths >= SUSPECT_DEATHS
+        return self.crashes >= SUSPECT_CRASHES
 
     def forget(self) -> None:
         for answers in (self.streams, self.judged, self.verdicts):
@@ -125,7 +125,7 @@ class Ledger:
         self.chunks = chunks
         self.epoch = 1
         self.blocks = [_Block() for _ in range(blocks)]
-        self.hands: dict[str, list[int]] = {}
+        self.in_flight: dict[str, list[int]] = {}
         self._open: set[int] = set(range(blocks))
         self._due = list(range(blocks))
 
@@ -142,8 +142,8 @@ class Ledger:
             block.attempt = max(block.attempt, int(entry.get("attempt", 0)))
             match entry.get("event"):
                 case "died":
-                    block.deaths += 1
-                    block.deaths_alone += bool(entry["alone"])
+                    block.crashes += 1
+                    block.crashes_alone += bool(entry["alone"])
                 case "done":
                     block.state = State.DONE
                 case "quarantined":
@@ -177,16 +177,16 @@ class Ledger:
         out: list[Instruction] = []
         match event:
             case SimulatorReady(simulator):
-                self.hands.setdefault(simulator, [])
+                self.in_flight.setdefault(simulator, [])
             case SimulatorLost(simulator, why, blame):
                 self._lose(simulator, why, blame, now, out)
             case Finished(simulator, number, attempt):
                 self._leave(simulator, number, attempt)
-                if self._is_out(number, attempt):
+                if self._is_dispatched(number, attempt):
                     self.blocks[number].touched = now
             case Refused(simulator, number, attempt, why):
                 self._leave(simulator, number, attempt)
-                if self._is_out(number, attempt):
+                if self._is_dispatched(number, attempt):
                     self._make_due(number, why, out)
             case ConsumerRestarted(role):
                 self._restart(role, out)
@@ -212,20 +212,20 @@ class Ledger:
                 self._due = sorted([*self._due, *fresh])
             case Tick():
                 self._expire(now, out)
-        self._hand_out(now, out)
+        self._dispatch_due(now, out)
         return out
 
     def _concerns(self, number: int, chunk: int) -> bool:
         return number in self._open and 0 <= chunk < self.chunks
 
-    def _is_out(self, number: int, attempt: int) -> bool:
+    def _is_dispatched(self, number: int, attempt: int) -> bool:
         block = self.blocks[number]
-        return block.state is State.OUT and block.attempt == attempt
+        return block.state is State.DISPATCHED and block.attempt == attempt
 
     def _leave(self, simulator: str, number: int, attempt: int) -> None:
         """Take a block out of a hand; the late end of an older attempt does not take the newer one with it."""
-        if number in self.hands.get(simulator, ()) and self.blocks[number].attempt == attempt:
-            self.hands[simulator].remove(number)
+        if number in self.in_flight.get(simulator, ()) and self.blocks[number].attempt == attempt:
+            self.in_flight[simulator].remove(number)
 
     def _make_due(self, number: int, why: str, out: list[Instruction]) -> None:
         block = self.blocks[number]
@@ -258,18 +258,18 @@ class Ledger:
         return len(block.streams) == len(block.judged) == len(block.verdicts) == self.chunks
 
     def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
-        hand = [number for number in self.hands.pop(simulator, []) if self.blocks[number].state is State.OUT]
+        hand = [number for number in self.in_flight.pop(simulator, []) if self.blocks[number].state is State.DISPATCHED]
         for place, number in enumerate(hand):  # what is done was computed, only its result is still under way
             block = self.blocks[number]
             if blame and place == 0:  # only the block being computed is suspect
                 alone = len(hand) == 1
-                block.deaths += 1
-                block.deaths_alone += alone
+                block.crashes += 1
+                block.crashes_alone += alone
                 out.append(
                     Record({"event": "died", "block": number, "simulator": simulator, "alone": alone, "why": why})
                 )
-                if block.deaths_alone >= POISON_DEATHS:
-                    why_poison = f"poison: {block.deaths_alone} simulators died computing it alone"
+                if block.crashes_alone >= POISON_CRASHES:
+                    why_poison = f"poison: {block.crashes_alone} simulators crashed while computing only this block"
                     self._settle(number, State.QUARANTINED, why_poison, out)
                     continue
             self._make_due(number, why, out)
@@ -277,32 +277,32 @@ class Ledger:
     def _restart(self, role: str, out: list[Instruction]) -> None:
         self.epoch += 1
         out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch}))
-        for hand in self.hands.values():
+        for hand in self.in_flight.values():
             hand.clear()
         for number in sorted(self._open):
             self.blocks[number].forget()
-            if self.blocks[number].state is State.OUT:
+            if self.blocks[number].state is State.DISPATCHED:
                 self._make_due(number, f"{role} restarted", out)
         out.append(NewEpoch(self.epoch))
 
     def _expire(self, now: float, out: list[Instruction]) -> None:
-        held = {number for hand in self.hands.values() for number in hand}
+        held = {number for hand in self.in_flight.values() for number in hand}
         for number in sorted(self._open - held):
             block = self.blocks[number]
             patience = DISK_S if self._all_answered(block) else STALE_S
-            if block.state is State.OUT and now - block.touched > patience:
+            if block.state is State.DISPATCHED and now - block.touched > patience:
                 self._make_due(number, f"no answer for {patience:g} s", out)
 
-    def _hand_out(self, now: float, out: list[Instruction]) -> None:
+    def _dispatch_due(self, now: float, out: list[Instruction]) -> None:
         """Give due blocks to the emptiest hands; a suspect block waits for an empty hand and keeps it to itself."""
         put_back = []
         while self._due:
             number = heapq.heappop(self._due)
             block = self.blocks[number]
-            room = 1 if block.suspect else IN_HAND
+            room = 1 if block.suspect else MAX_IN_FLIGHT
             free = [
                 (len(hand), name)
-                for name, hand in self.hands.items()
+                for name, hand in self.in_flight.items()
                 if len(hand) < room and not any(self.blocks[n].suspect for n in hand)
             ]
             if not free:
@@ -311,9 +311,9 @@ class Ledger:
                     break
                 continue
             simulator = min(free)[1]
-            block.state, block.touched = State.OUT, now
+            block.state, block.touched = State.DISPATCHED, now
             block.attempt += 1
-            self.hands[simulator].append(number)
+            self.in_flight[simulator].append(number)
             entry = {"event": "dispatched", "block": number, "attempt": block.attempt, "epoch": self.epoch}
             out.append(Record({**entry, "simulator": simulator}))
             out.append(Dispatch(number, block.attempt, simulator))

@@ -14,7 +14,7 @@ class State(Enum):
     """Where a block is."""
 
     DUE = "due"
-    OUT = "out"
+    DISPATCHED = "dispatched"
     DONE = "done"
     QUARANTINED = "quarantined"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from graph import SMALL, bow, map_of, orphans, sweeping, verified
 
-from bow_sweep.run.ledger import POISON_DEATHS
+from bow_sweep.run.ledger import POISON_CRASHES
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -38,17 +38,20 @@ def test_a_block_that_kills_its_simulators_is_quarantined_and_named_and_the_rest
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--out", str(run), module="poison_simulator") as sweep:
         assert sweep.wait() == 3, sweep.text
-        assert f"QUARANTINED block {POISON}: poison: {POISON_DEATHS} simulators died computing it alone" in sweep.text
-        assert sweep.text.count(cause) >= POISON_DEATHS
+        assert (
+            f"QUARANTINED block {POISON}: poison: {POISON_CRASHES} simulators crashed while computing only this block"
+            in sweep.text
+        )
+        assert sweep.text.count(cause) >= POISON_CRASHES
         assert "Traceback" not in sweep.text
     assert orphans(run) == []
 
     report = json.loads((run / "report.json").read_text())
     assert report["cells"] == {"planned": 128, "done": 120, "quarantined": 8, "outstanding": 0}
     assert list(report["quarantined_blocks"]) == [str(POISON)]
-    deaths = [entry for entry in ledger(run) if entry["event"] == "died"]
-    assert [entry["block"] for entry in deaths if entry["alone"]] == [POISON] * POISON_DEATHS
-    assert any(cause in entry["why"] for entry in deaths)
+    crashes = [entry for entry in ledger(run) if entry["event"] == "died"]
+    assert [entry["block"] for entry in crashes if entry["alone"]] == [POISON] * POISON_CRASHES
+    assert any(cause in entry["why"] for entry in crashes)
 
     account = verified(run)
     assert (account["cells"], account["cells_quarantined"]) == (120, 8)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from outlines import outline
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
@@ -25,9 +26,10 @@ from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.states import BlockState, NodeState, PlanState
-from bow_sweep.coordinator.results import load_basin, map_of, playability_of
+from bow_sweep.coordinator.results import basin_of, map_of, playability_of
 from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
+from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.session import Session
 from bow_sweep.record.topics import STORED_ONCE, TOPICS
 from bow_sweep.run.directory import Run
@@ -94,7 +96,7 @@ def chunks(
     cells = blocks.block(block)
     string = Block(sweep.parameters, sweep.lanes(cells))
     classifier = Classifier("c" * 16)
-    classifier.open(Task.from_settings(run, sweep.sweep_id, sweep.settings(), blocks.announce()))
+    classifier.open(Task.of(outline(run, sweep.sweep_id, sweep.settings(), blocks.announce())))
     out = []
     for chunk in range(sweep.chunks):
         result = string.advance()
@@ -146,7 +148,7 @@ def leave_all(directory: Path, sweep: Sweep, quarantined: Collection[int] = ()) 
         run.record([{"event": "dispatched", "block": number, "attempt": 1}])
         run.record([{"event": block.state.value, "block": number, "why": "poison"}])
     run.quarantined = dict.fromkeys(quarantined, "poison")
-    basin = load_basin(directory, sweep)
+    basin = basin_of(load_verdicts(directory), sweep)
     write_map_npz(directory / MAP, map_of(run, basin))
     run.report(basin, 1.0, {"playability": playability_of(run, basin)})
     run.close()

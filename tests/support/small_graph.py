@@ -155,7 +155,7 @@ class SmallGraph:
                 self.cut_after -= 1
                 if self.cut_after < 0:
                     raise Cut
-        while self.sync and self.of.ledger.blocks[block].state is State.OUT:
+        while self.sync and self.of.ledger.blocks[block].state is State.DISPATCHED:
             time.sleep(0.005)
             self._commit()
 

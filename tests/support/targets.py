@@ -1,7 +1,7 @@
 """What a stranger can hand to this package, and what must come of it: each target takes chance and makes one case.
 
 A case passes where the answer is right or a clear refusal; whatever else is raised, is a bug. Chance is a
-:class:`random.Random`: Hypothesis brings its own and shrinks, ``python -m bench.fuzz`` brings seeds.
+:class:`random.Random`: Hypothesis brings its own and shrinks, ``python tests/stress/fuzz.py`` brings seeds.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import functools
 import json
 import random
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,21 +23,23 @@ from material import odd_archive, odd_settings, odd_yaml
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
+from bow_sim import simulator_events
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
-from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
+from bow_sim.protocol.neighbours import Neighbours
 from bow_sim.protocol.states import NodeState
-from bow_sim.simulator_events import BlockReceived, Log, ReceiptReceived
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.simulator_session import SimulatorSession
 from bow_sweep.coordinator.resume import prepare
+from bow_sweep.coordinator.session import CoordinatorSession
+from bow_sweep.coordinator.session_events import ReceiptReceived, RunGiven, VerdictsReceived
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz, write_map_npz
-from bow_sweep.plan import sweep as plans
+from bow_sweep.plan import presets as plans
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import METADATA, BagError, bag_files
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.recover import recover
 from bow_sweep.record.replay import load_verdicts, replay
@@ -72,7 +75,7 @@ class Targets:
         self.whole_map = self.map.read_bytes()
         self.presets = room / "presets"
         self.presets.mkdir()
-        self.texts = {path.name: path.read_bytes() for path in (plans.preset_directory() / "presets").glob("*.yaml")}
+        self.texts = {path.name: path.read_bytes() for path in plans.preset_directory().glob("*.yaml")}
         self.finished = recording.leave_all(recording.record(room / "finished", SWEEP), SWEEP)
         self.left = {name: (self.finished / name).read_bytes() for name in ("ledger.jsonl", "map.npz", "report.json")}
         run = Run.create(room / "ledgers", recording.RUN, SWEEP)
@@ -120,7 +123,7 @@ class Targets:
             Block(sweep.parameters, sweep.lanes(sweep.block(0)))
 
     def plan(self, chance: Chance) -> None:
-        """Recorder and classifier take a plan that fits their bounds, or refuse it."""
+        """A plan is taken where it fits the bounds, or refused."""
         lines = {line.partition("=")[0]: line for line in SWEEP.settings()}
         for line in odd_settings(chance):
             lines[line.partition("=")[0]] = line
@@ -131,15 +134,14 @@ class Targets:
             values["run_id"] = odd_text(chance)
         if chance.random() < 0.3:
             values["rounds"] = odd_array(chance, chance.choice([0, 1, 12, 12, 13]), np.uint8)
-        settings, rounds = values["spec.settings"], values["rounds"]
-        for take in (lambda: Expected.of(values), lambda: Task.from_settings("r", "s", settings, rounds)):
-            try:
-                made: Any = take()
-            except ParameterError:
-                continue
-            assert made.planned.cells <= MAX_CELLS
-            assert made.planned.cells * made.chunks <= MAX_VERDICTS
-            assert len(made.block(0)) <= MAX_BLOCK_CELLS
+        try:
+            made = SweepOutline.of(values)
+            Task.of(made)
+        except ParameterError:
+            return
+        assert made.cells <= MAX_CELLS
+        assert made.cells * made.chunks <= MAX_VERDICTS
+        assert len(made.block(0)) <= MAX_BLOCK_CELLS
 
     def preset(self, chance: Chance) -> None:
         """A preset file that is none is named as such, and does not keep the others from use."""
@@ -148,7 +150,7 @@ class Targets:
         path = self.presets / name
         path.write_bytes(text)
         (self.presets / "good.yaml").write_bytes(self.texts["raman.yaml"])
-        before, plans.preset_directory = plans.preset_directory, lambda: self.room
+        before, plans.preset_directory = plans.preset_directory, lambda: self.presets
         try:
             assert {"good", path.stem} == set(plans.presets())
             Sweep.from_spec("good")
@@ -187,13 +189,11 @@ class Targets:
         message |= {"coordinator": "c", "simulator": "s"}
         session = SimulatorSession("s", "f", lambda *_: True)
         session.run, session.state = ("run", "s"), NodeState.READY
-        out = session.handle(BlockReceived(message), 0.0)
-        assert session.held == [(0, 1)] or any(isinstance(item, Log) and item.text for item in out)
+        out = session.handle(simulator_events.BlockReceived(message), 0.0)
+        assert session.held == [(0, 1)] or any(isinstance(item, simulator_events.Log) and item.text for item in out)
 
     def answers(self, chance: Chance) -> None:
         """Receipts and verdicts that don't fit are counted by simulator and coordinator, and no more."""
-        from bow_sweep.coordinator.node import CoordinatorNode
-
         name = chance.choice(["Receipt", "Verdicts"])
         values = cdr.decode(name, messages()[name])
         for field, kind in cdr.FIELDS[name].items():
@@ -202,20 +202,16 @@ class Targets:
             elif kind == "uint32" and chance.random() < 0.3:
                 values[field] = chance.choice([0, 3, 4, 2**32 - 1])
         data = cdr.encode(name, values)
-        run = SimpleNamespace(run_id=recording.RUN, sweep=SWEEP, blocks=Blocks(SWEEP.cells, SWEEP.block_cells))
-        coordinator = SimpleNamespace(health=SimpleNamespace(ignored=0, messages=0), _run=run, events=[])
-        coordinator.heard = lambda topic, incarnation: None
-        coordinator._basin = Basin(SWEEP.x.count, SWEEP.y.count, SWEEP.chunks)
-        ledger = Ledger(SWEEP.blocks, SWEEP.chunks)
-        coordinator._handle = lambda event: ledger.handle(event, 0.0)
-        coordinator._mine = functools.partial(CoordinatorNode._mine, coordinator)
+        session = CoordinatorSession("c" * 16, "here", "/bow", Neighbours("c" * 16, "here"), Run, lambda: 0.0)
+        run: Any = SimpleNamespace(run_id=recording.RUN, sweep=SWEEP, blocks=SWEEP.first_blocks, directory=self.room)
+        run.ledger, run.cells_in = Ledger(SWEEP.blocks, SWEEP.chunks), lambda _: 0
+        run.record, run.next_round, run.accounts, run.quarantined = list, lambda _: False, Counter, {}
+        session.handle(RunGiven(run), 0.0)
+        session.handle(ReceiptReceived(data) if name == "Receipt" else VerdictsReceived(data), 0.0)
         simulator = SimulatorSession("s", "f", lambda *_: True)
         simulator.run, simulator._window = (recording.RUN, SWEEP.sweep_id), recording_window()
         if name == "Receipt":
-            CoordinatorNode._on_receipts(coordinator, data)  # type: ignore[arg-type]
-            simulator.handle(ReceiptReceived(cdr.decode(name, data)), 0.0)
-        else:
-            CoordinatorNode._on_verdicts(coordinator, data)  # type: ignore[arg-type]
+            simulator.handle(simulator_events.ReceiptReceived(cdr.decode(name, data)), 0.0)
 
     def stream(self, chance: Chance) -> None:
         """The classifier judges a chunk or says why not, whatever its numbers are."""

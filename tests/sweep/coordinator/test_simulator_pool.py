@@ -68,7 +68,7 @@ def world() -> World:
     """A pool with one simulator that is ready."""
     made = World()
     made.hear(0.0)
-    made.pool.look(0.0, may_join=True)
+    made.pool.check(0.0, may_join=True)
     assert made.take() == [SimulatorReady(NAME)]
     return made
 
@@ -77,12 +77,12 @@ def test_a_simulator_joins_when_it_is_ready_and_says_that_blocks_arrive() -> Non
     world = World()
     for changes in ({"hears_us": False}, {"state": NodeState.STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
         world.hear(0.0, **changes)  # type: ignore[arg-type]
-        world.pool.look(0.0, may_join=True)
+        world.pool.check(0.0, may_join=True)
         assert world.take() == []
     world.hear(0.0)
-    world.pool.look(0.0, may_join=False)
+    world.pool.check(0.0, may_join=False)
     assert world.take() == []
-    world.pool.look(0.0, may_join=True)
+    world.pool.check(0.0, may_join=True)
     assert world.take() == [SimulatorReady(NAME)]
 
 
@@ -102,11 +102,11 @@ def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(w
     assert world.take() == []
     world.hear(TAKEN_S + 0.1)
     assert [type(event) for event in world.take()] == [SimulatorLost]
-    world.pool.look(TAKEN_S + 0.2, may_join=True)
+    world.pool.check(TAKEN_S + 0.2, may_join=True)
     assert world.take() == []  # a pause
     later = TAKEN_S + FIRST_PAUSE_S + 0.1
     world.hear(later)
-    world.pool.look(later, may_join=True)
+    world.pool.check(later, may_join=True)
     assert world.take() == [SimulatorReady(NAME)]
     world.pool.send(NAME, 5, 1, later)
     world.hear(later, refused=[(5, 1)])
@@ -120,11 +120,11 @@ def test_only_its_own_supervisor_or_a_long_silence_makes_a_simulator_dead(world:
     world.hear(1.0, state=NodeState.DEAD, incarnation="", detail="killed")
     assert world.take() == [SimulatorLost(NAME, "killed", blame=True)]
     world.hear(2.0)
-    world.pool.look(2.0, may_join=True)
+    world.pool.check(2.0, may_join=True)
     world.take()
-    world.pool.look(2.0 + SILENT_S, may_join=True)
+    world.pool.check(2.0 + SILENT_S, may_join=True)
     assert world.take() == []
-    world.pool.look(2.1 + SILENT_S, may_join=True)
+    world.pool.check(2.1 + SILENT_S, may_join=True)
     (lost,) = world.take()
     assert isinstance(lost, SimulatorLost)
     assert lost.blame  # of another machine: nobody else would say so
@@ -135,8 +135,8 @@ def test_a_simulator_of_this_machine_that_is_stopped_is_not_blamed() -> None:
 
     world = World()
     world.hear(0.0, host="here", pid=os.getpid())
-    world.pool.look(0.0, may_join=True)
-    world.pool.look(SILENT_S + 0.1, may_join=True)
+    world.pool.check(0.0, may_join=True)
+    world.pool.check(SILENT_S + 0.1, may_join=True)
     lost = world.take()[-1]
     assert isinstance(lost, SimulatorLost)
     assert not lost.blame
@@ -146,13 +146,13 @@ def test_the_second_of_a_name_gets_no_work_and_is_named_once(world: World) -> No
     for now in (1.0, 2.0, 3.0):
         world.hear(now, incarnation="2" * 16, pid=9)
         world.hear(now)
-        world.pool.look(now, may_join=True)
+        world.pool.check(now, may_join=True)
     assert world.take() == []
     assert len(world.complaints) == 1
     assert "process 9 on there gets no work" in world.complaints[0]
     assert world.pool.send(NAME, 0, 1, 3.0) == "1" * 16
     world.hear(4.0 + SILENT_S, incarnation="2" * 16, pid=9)  # the first is silent by now
-    world.pool.look(4.0 + SILENT_S, may_join=True)
+    world.pool.check(4.0 + SILENT_S, may_join=True)
     assert [type(event) for event in world.take()] == [SimulatorLost, SimulatorReady]
     assert world.pool.send(NAME, 0, 2, 4.0 + SILENT_S) == "2" * 16
 
@@ -204,7 +204,7 @@ class Sweeps(RuleBasedStateMachine):
         if not silent:
             for name in self.living:
                 self.beat(name)
-        self.pool.look(self.now, may_join=True)
+        self.pool.check(self.now, may_join=True)
         self.emit(Tick())
 
     @rule(arrives=st.booleans(), which=st.integers(0, 9))
@@ -243,7 +243,7 @@ class Sweeps(RuleBasedStateMachine):
     def nobody_holds_more_than_the_ledger_knows(self) -> None:
         if hasattr(self, "ledger"):
             assert sum(self.ledger.count(state) for state in State) == 5
-            assert all(len(hand) <= 2 for hand in self.ledger.hands.values())
+            assert all(len(hand) <= 2 for hand in self.ledger.in_flight.values())
 
     def teardown(self) -> None:
         """One simulator that lives and answers is enough: every block is settled in the end."""

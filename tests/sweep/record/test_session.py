@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import PlanState, ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import BagError, bag_files, messages
-from bow_sweep.record.expected import Expected
-from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE
 from bow_sweep.record.verify import verify
+from bow_sweep.run.lock import LockedError
 
 SWEEP = recording.small_sweep()
 CHUNK = recording.chunks(SWEEP, 1)[2]
@@ -134,17 +134,21 @@ def changed(topic, **fields):
 
 FORCE = cdr.decode("BridgeForce", CHUNK.bridge_force)
 RUBBISH = {
-    "another run": ("bridge_force", changed("bridge_force", run_id="f" * 16), "this is run"),
-    "another sweep": ("stick_slip", changed("stick_slip", sweep_id="f" * 16), "this is run"),
-    "no such block": ("bridge_force", changed("bridge_force", block=3), "there are 3 blocks of 4 chunks"),
-    "no such chunk": ("verdicts", changed("verdicts", chunk=4), "there are 3 blocks of 4 chunks"),
+    "another run": ("bridge_force", changed("bridge_force", run_id="f" * 16), "should be of run"),
+    "another sweep": ("stick_slip", changed("stick_slip", sweep_id="f" * 16), "should be of run"),
+    "no such block": ("bridge_force", changed("bridge_force", block=3), "the sweep has 3 blocks of 4 chunks"),
+    "no such chunk": ("verdicts", changed("verdicts", chunk=4), "the sweep has 3 blocks of 4 chunks"),
     "cells of another block": ("bridge_force", changed("bridge_force", block=0), "not the 5 cells of block 0"),
     "too many samples": (
         "bridge_force",
         changed("bridge_force", samples=696, data=np.zeros((5, 696))),
-        "samples = 696: should be 695",
+        "696 samples from sample 1390 on, should be 695",
     ),
-    "samples from elsewhere": ("stick_slip", changed("stick_slip", first_sample=0), "first_sample = 0: should be 1390"),
+    "samples from elsewhere": (
+        "stick_slip",
+        changed("stick_slip", first_sample=0),
+        "from sample 0 on, should be 695 from sample 1390 on",
+    ),
     "data for other cells": ("bridge_force", changed("bridge_force", data=np.zeros(7)), "7 values for 5 cells"),
     "verdicts of another classifier": ("verdicts", changed("verdicts", classifier="?"), "classifier = '?'"),
     "a flipped bit": ("bridge_force", CHUNK.bridge_force[:-9] + b"\xff" + CHUNK.bridge_force[-8:], "does not hold"),
@@ -329,11 +333,11 @@ def test_after_a_full_disk_the_bag_holds_what_was_committed_and_can_go_on(tmp_pa
 )
 def test_a_plan_that_cannot_be_is_refused_before_anything_is_written(fields, why):
     with pytest.raises(ParameterError, match=why):
-        Expected.of({**cdr.decode("Plan", recording.plan(SWEEP)), **fields})
+        SweepOutline.of({**cdr.decode("Plan", recording.plan(SWEEP)), **fields})
 
 
 def test_the_outline_of_a_run_is_that_of_its_plan():
-    expected = Expected.of(cdr.decode("Plan", recording.plan(SWEEP)))
+    expected = SweepOutline.of(cdr.decode("Plan", recording.plan(SWEEP)))
     assert (expected.run_id, expected.sweep_id) == (recording.RUN, SWEEP.sweep_id)
     assert expected.classifier == SWEEP.thresholds.hash
     assert (expected.shape, expected.cells) == ((SWEEP.y.count, SWEEP.x.count), SWEEP.cells)

@@ -93,7 +93,7 @@ def test_two_processes_do_not_hold_the_same_run(tmp_path: Path) -> None:
     answers: multiprocessing.Queue[str] = context.Queue()
     process = context.Process(target=_try_lock, args=(str(tmp_path / "run"), answers))
     process.start()
-    assert "another coordinator is at work" in answers.get(timeout=60)
+    assert "at work on this run as its coordinator" in answers.get(timeout=60)
     process.join()
     run.close()
 
@@ -158,7 +158,7 @@ def test_transient_length_is_the_first_test_passed_and_a_later_failure_does_not_
 
 def test_a_disk_that_does_not_take_the_results_is_named_with_what_to_do(tmp_path: Path) -> None:
     what = r"No space left on device; every block is done and in the bag: make room, then resume"
-    with pytest.raises(RuntimeError, match=what), writing(tmp_path, RuntimeError):
+    with pytest.raises(RunError, match=what), writing(tmp_path):
         raise OSError(28, "No space left on device", "map.png")
 
 

@@ -82,7 +82,7 @@ def test_only_the_block_being_computed_is_suspect_when_its_simulator_dies() -> N
     ledger = Ledger(2, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     ledger.handle(L.SimulatorLost("a", "killed"), 0)
-    assert [block.deaths for block in ledger.blocks] == [1, 0]
+    assert [block.crashes for block in ledger.blocks] == [1, 0]
 
 
 def test_a_block_that_is_done_is_not_blamed_for_the_next() -> None:
@@ -90,39 +90,39 @@ def test_a_block_that_is_done_is_not_blamed_for_the_next() -> None:
     ledger.handle(L.SimulatorReady("a"), 0)
     answer(ledger, 0)  # its result is still under way when the simulator dies of the next one
     ledger.handle(L.SimulatorLost("a", "SIGSEGV"), 0)
-    assert [block.deaths for block in ledger.blocks] == [0, 1]
-    assert ledger.blocks[1].deaths_alone == 1
+    assert [block.crashes for block in ledger.blocks] == [0, 1]
+    assert ledger.blocks[1].crashes_alone == 1
 
 
 def test_our_own_kills_blame_nobody() -> None:
     ledger = Ledger(2, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     ledger.handle(L.SimulatorLost("a", "stopped", blame=False), 0)
-    assert [block.deaths for block in ledger.blocks] == [0, 0]
+    assert [block.crashes for block in ledger.blocks] == [0, 0]
     assert [d.attempt for d in dispatches(ledger.handle(L.SimulatorReady("b"), 0))] == [2, 2]
 
 
 def test_a_poison_block_is_quarantined_and_the_rest_is_done() -> None:
     ledger = Ledger(4, CHUNKS)
-    deaths = 0
+    crashes = 0
     for turn in range(40):
         name = f"s{turn}"
         ledger.handle(L.SimulatorReady(name), turn)
-        while ledger.hands.get(name):
-            block = ledger.hands[name][0]
+        while ledger.in_flight.get(name):
+            block = ledger.in_flight[name][0]
             if block == 1:
                 ledger.handle(L.SimulatorLost(name, "SIGSEGV"), turn)
-                deaths += 1
+                crashes += 1
             else:
                 answer(ledger, block, turn)
                 ledger.handle(L.Finished(name, block, ledger.blocks[block].attempt), turn)
     assert [block.state for block in ledger.blocks] == [State.DONE, State.QUARANTINED, State.DONE, State.DONE]
-    assert deaths <= L.SUSPECT_DEATHS + L.POISON_DEATHS
+    assert crashes <= L.SUSPECT_CRASHES + L.POISON_CRASHES
 
 
 def test_a_suspect_block_runs_alone() -> None:
     ledger = Ledger(3, CHUNKS)
-    for turn in range(L.SUSPECT_DEATHS):
+    for turn in range(L.SUSPECT_CRASHES):
         ledger.handle(L.SimulatorReady(f"s{turn}"), 0)
         ledger.handle(L.SimulatorLost(f"s{turn}", "died"), 0)
     out = dispatches(ledger.handle(L.SimulatorReady("last"), 0))
@@ -198,7 +198,7 @@ def test_a_refused_block_is_given_to_another() -> None:
     out = ledger.handle(L.SimulatorReady("b"), 0)
     assert dispatches(out) == []
     ledger.handle(L.SimulatorLost("a", "rejects", blame=False), 0)
-    assert ledger.hands == {"b": [0]}
+    assert ledger.in_flight == {"b": [0]}
 
 
 def test_the_late_end_of_an_older_attempt_changes_nothing() -> None:
@@ -206,7 +206,7 @@ def test_the_late_end_of_an_older_attempt_changes_nothing() -> None:
     ledger.handle(L.SimulatorReady("a"), 0)
     ledger.handle(L.ConsumerRestarted("recorder"), 0)
     ledger.handle(L.Refused("a", 0, 1, "cancelled"), 0)
-    assert ledger.hands == {"a": [0]}
+    assert ledger.in_flight == {"a": [0]}
     assert ledger.blocks[0].attempt == 2
 
 
@@ -265,7 +265,7 @@ class Sweeping(RuleBasedStateMachine):
 
     @rule(simulator=simulators, refused=st.booleans(), stale=st.booleans())
     def end_goal(self, simulator: str, refused: bool, stale: bool) -> None:
-        for block in self.ledger.hands.get(simulator, [])[:1]:
+        for block in self.ledger.in_flight.get(simulator, [])[:1]:
             attempt = self.ledger.blocks[block].attempt - stale
             self.do(L.Refused(simulator, block, attempt, "x") if refused else L.Finished(simulator, block, attempt))
 
@@ -299,22 +299,22 @@ class Sweeping(RuleBasedStateMachine):
     @invariant()
     def accounts_balance(self) -> None:
         assert planned_is_accounted_for(self.ledger)
-        outstanding = self.ledger.count(State.DUE) + self.ledger.count(State.OUT)
+        outstanding = self.ledger.count(State.DUE) + self.ledger.count(State.DISPATCHED)
         assert self.ledger.finished == (outstanding == 0)
 
     @invariant()
     def no_block_is_in_two_hands_and_no_hand_is_overfull(self) -> None:
-        held = [block for hand in self.ledger.hands.values() for block in hand]
+        held = [block for hand in self.ledger.in_flight.values() for block in hand]
         assert len(held) == len(set(held))
-        assert all(len(hand) <= L.IN_HAND for hand in self.ledger.hands.values())
+        assert all(len(hand) <= L.MAX_IN_FLIGHT for hand in self.ledger.in_flight.values())
 
     @invariant()
     def a_resumed_ledger_has_the_same_account(self) -> None:
         again = Ledger.resume(len(self.ledger.blocks), CHUNKS, self.records)
         for state in (State.DONE, State.QUARANTINED):
             assert again.count(state) == self.ledger.count(state)
-        assert [b.deaths for b in again.blocks if b.state is State.DUE] == [
-            b.deaths for b in self.ledger.blocks if b.state in (State.DUE, State.OUT)
+        assert [b.crashes for b in again.blocks if b.state is State.DUE] == [
+            b.crashes for b in self.ledger.blocks if b.state in (State.DUE, State.DISPATCHED)
         ]
 
 
@@ -332,7 +332,7 @@ def test_a_plan_that_grows_has_more_blocks_due_and_they_are_handed_out_at_once()
     out = ledger.handle(L.Grown(5), 0)
     assert [d.block for d in dispatches(out)] == [2, 3]
     assert not ledger.finished
-    assert (ledger.count(State.DONE), ledger.count(State.OUT), ledger.count(State.DUE)) == (2, 2, 1)
+    assert (ledger.count(State.DONE), ledger.count(State.DISPATCHED), ledger.count(State.DUE)) == (2, 2, 1)
     for block in (2, 3, 4):
         answer(ledger, block)
     assert ledger.finished

@@ -1,0 +1,380 @@
+"""The coordinator without ROS: a state machine that runs one sweep after another, events in, instructions out.
+
+:meth:`CoordinatorSession.handle` is the only way in. The node around it passes in what arrives, together with the time,
+and carries out the instructions that come back, in their order. The session reads no clock and publishes nothing; it
+does write the run directory, because an entry of the ledger must be on the disk before the message that follows from
+it is sent.
+
+A run is *open* while blocks are outstanding, then *closing*: its map is written while recorder and dashboard finish
+theirs. After that it is finished and the session is ready for the next goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neighbour, Neighbours
+from bow_sim.protocol.states import NodeState
+from bow_sweep.coordinator import messages
+from bow_sweep.coordinator.active_run import ActiveRun
+from bow_sweep.coordinator.closing import DRAW_REPORT_S, DRAW_S, waits_for
+from bow_sweep.coordinator.consumers import Consumers
+from bow_sweep.coordinator.results import basin_of
+from bow_sweep.coordinator.session_events import (
+    AnswerGoal,
+    Become,
+    CancelRequested,
+    Event,
+    GoalAccepted,
+    HealthReceived,
+    Instruction,
+    Log,
+    Publish,
+    PublishFeedback,
+    PublishMap,
+    ReceiptReceived,
+    ResultsWritten,
+    RunEnded,
+    RunGiven,
+    TimePassed,
+    VerdictsReceived,
+    WriteResults,
+)
+from bow_sweep.coordinator.simulator_pool import Pool
+from bow_sweep.plan.sweep import Sweep
+from bow_sweep.run import ledger_events
+from bow_sweep.run.directory import Run, RunError
+from bow_sweep.run.ledger import State
+
+TICK_S = 0.2
+"""Seconds between two :class:`TimePassed`; map and progress are published at most this often, 5 Hz."""
+
+ANNOUNCE_S = 1.0
+"""The plan is published again this often while recorder, classifier or a simulator has not taken it up."""
+
+
+@dataclass
+class Counts:
+    """What has arrived: entries of receipts and verdicts that were used, and messages that were ignored."""
+
+    messages: int = 0
+    ignored: int = 0
+
+
+class CoordinatorSession:
+    """Runs sweeps; changed by :meth:`handle` alone.
+
+    Parameters
+    ----------
+    incarnation, host, namespace
+        Of the coordinator's node.
+    neighbours
+        The other nodes; the node keeps them up to date.
+    create_run
+        Makes the run of a goal's sweep; raises RunError where it cannot.
+    wall_clock
+        Returns seconds, for rates and durations of runs.
+    shown
+        Whether a dashboard was started, so that a run ends only when that has drawn it.
+
+    Attributes
+    ----------
+    nodes
+        Node name -> its latest Health.
+    """
+
+    def __init__(
+        self,
+        incarnation: str,
+        host: str,
+        namespace: str,
+        neighbours: Neighbours,
+        create_run: Callable[[Sweep], Run],
+        wall_clock: Callable[[], float],
+        shown: bool = False,
+    ) -> None:
+        self._incarnation, self._namespace, self._neighbours = incarnation, namespace, neighbours
+        self._create_run, self._wall_clock, self._shown = create_run, wall_clock, shown
+        self.nodes: dict[str, Any] = {}
+        self._pool = Pool(self._apply, host, lambda text: self._log("warning", text))
+        self._consumers = Consumers(neighbours, lambda text: self._log("error", text))
+        self._active: ActiveRun | None = None
+        self._state: int = NodeState.READY
+        self._counts = Counts()
+        self._last_hello = 0.0
+        self._now = 0.0
+        self._out: list[Instruction] = []
+
+    @property
+    def run(self) -> Run | None:
+        """The run in progress."""
+        return self._active.run if self._active else None
+
+    def handle(self, event: Event, now: float) -> list[Instruction]:
+        """Take in what happened at `now` (seconds of the AwakeClock) and return what to do, in order.
+
+        Raises
+        ------
+        RunError
+            If the report of a run cannot be written.
+        """
+        self._now, self._out = now, []
+        match event:
+            case RunGiven(run, layers):
+                self._begin(run, layers)
+            case GoalAccepted():
+                self._take_goal(event)
+            case CancelRequested(goal):
+                if self._active is not None and self._active.goal == goal:
+                    self._active.cancelled = True
+            case HealthReceived(message, neighbour):
+                self._take_health(message, neighbour)
+            case ReceiptReceived(data):
+                self._take_receipt(data)
+            case VerdictsReceived(data):
+                self._take_verdicts(data)
+            case ResultsWritten(problem=problem):
+                self._take_results(event, problem)
+            case TimePassed():
+                self._tick()
+        return self._out
+
+    def fetch_counts(self) -> Counts:
+        """Return what has arrived since the last call."""
+        counts, self._counts = self._counts, Counts()
+        return counts
+
+    def close(self) -> None:
+        """Release the directory of the run in progress; its ledger stays as it is, so that it can be resumed."""
+        if self._active is not None:
+            self._active.run.close()
+
+    # ---- begin and end of a run
+
+    def _take_goal(self, event: GoalAccepted) -> None:
+        """Begin a sweep. One that cannot be run ends as aborted: the action server gives no reason for a rejection."""
+        try:
+            if self._active is not None:
+                raise RunError(f"run {self._active.run.run_id} is not finished; one sweep at a time")
+            run = self._create_run(Sweep.from_spec(event.preset, event.settings))
+        except (ParameterError, RunError) as error:
+            self._log("error", f"goal refused: {error}")
+            self._become(self._state, f"goal refused: {error}")
+            self._out.append(AnswerGoal(event.goal, {"message": str(error)}))
+            return
+        self._begin(run, None, event.goal)
+
+    def _begin(self, run: Run, layers: Mapping[str, np.ndarray] | None, goal: bytes | None = None) -> None:
+        active = self._active = ActiveRun(run, basin_of(layers or {}, run.sweep), self._wall_clock(), goal)
+        self._pool.begin()
+        self._become(NodeState.STARTING, "a sweep opens", run.run_id)
+        if run.ledger.finished:  # stopped after its last block, before its report or the next round
+            self._next_round_or_close(active)
+        else:
+            self._publish_plan(active)
+        what = f"{run.sweep.cells} cells, {run.blocks.count} blocks, in {run.directory}"
+        self._log("info", f"run {run.run_id}: {what}")
+
+    def _next_round_or_close(self, active: ActiveRun) -> None:
+        """Begin the next round of an adaptive sweep, announced before its blocks are sent; else close the run."""
+        if active.run.next_round(active.basin):
+            self._publish_plan(active)
+            self._apply(ledger_events.Grown(active.run.blocks.count))
+        else:
+            self._close(active)
+
+    def _close(self, active: ActiveRun) -> None:
+        """Announce the end of the run, and draw the map while the other nodes close their files."""
+        active.closed_at = self._now
+        self._publish_map(active)
+        self._publish_plan(active)
+        self._become(NodeState.BUSY, "drawing the map, while the bag is closed")
+        self._out.append(WriteResults(active.run, active.basin))
+
+    def _take_results(self, results: ResultsWritten, problem: str) -> None:
+        if self._active is None or not self._active.is_closing:
+            return
+        self._active.results = results
+        if problem:
+            self._log("error", f"not drawn: {problem}")
+            self._become(NodeState.BUSY, f"not drawn: {problem}")
+        self._become(NodeState.BUSY, "waiting for the bag to close")
+
+    def _finish_when_closed(self, active: ActiveRun) -> None:
+        """Finish once the bag is closed and no dashboard is drawing, or they have had their time."""
+        if active.closed_at is None or active.results is None:
+            return
+        waited = self._now - active.closed_at
+        missing = waits_for(self.nodes.values(), active.run.run_id, waited, self._shown)
+        if not missing:
+            self._finish(active, active.results)
+        elif missing == "dashboard" and waited > DRAW_REPORT_S:
+            what = f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most"
+            self._become(NodeState.BUSY, what)
+
+    def _finish(self, active: ActiveRun, results: ResultsWritten) -> None:
+        """Write the report, answer the goal and get ready for the next one."""
+        run_id, now = active.run.run_id, self._wall_clock()
+        result = active.write_report(now, results.playability)
+        if active.goal is not None:
+            self._out.append(AnswerGoal(active.goal, result))
+        self._log("info", f"run {run_id}: {result['message']} in {now - active.began:.1f} s")
+        active.run.close()
+        self._active = None
+        self._become(NodeState.READY, f"finished run {run_id}: {result['message']}", "")
+        self._out.append(RunEnded())
+
+    # ---- what arrives
+
+    def _take_health(self, message: Any, neighbour: Neighbour | None) -> None:
+        self.nodes[message.node] = message
+        if message.role == "simulator":
+            run_id = self.run.run_id if self.run else ""
+            hears_us = neighbour is not None and "blocks" in neighbour.hears
+            self._pool.on_health(message, run_id, hears_us, self._now)
+        elif message.role in CONSUMERS and neighbour is not None and self._consumers.update(neighbour, self._now):
+            self._log("warning", f"{message.role} restarted: unfinished blocks are due again")
+            self._apply(ledger_events.ConsumerRestarted(message.role))
+        self._begin_work()
+        if self._active is not None:
+            self._finish_when_closed(self._active)
+
+    def _take_receipt(self, data: bytes) -> None:
+        try:
+            receipt = cdr.decode("Receipt", data)
+        except cdr.WireError:
+            self._counts.ignored += 1
+            return
+        self._neighbours.heard("receipts", receipt["incarnation"], self._now)
+        columns = [receipt[name].tolist() for name in ("kind", "block", "chunk", "checksum")]
+        fits = len({len(column) for column in columns}) == 1
+        if self._active is None or not self._active.is_mine(receipt) or not fits:
+            self._counts.ignored += 1
+            return
+        for kind, block, chunk, checksum in zip(*columns, strict=True):
+            self._apply(ledger_events.receipted(kind, block, chunk, checksum))
+        self._counts.messages += len(columns[0])
+
+    def _take_verdicts(self, data: bytes) -> None:
+        if sender := cdr.hello_from("Verdicts", data):
+            self._neighbours.heard("verdicts", sender, self._now)
+            return
+        try:
+            verdict = cdr.unseal("Verdicts", data)
+        except cdr.WireError:
+            self._counts.ignored += 1
+            return
+        active = self._active
+        if active is None or not active.is_mine(verdict):
+            self._counts.ignored += 1
+            return
+        self._neighbours.heard("verdicts", verdict["incarnation"], self._now)
+        if not active.are_my_verdicts(verdict):
+            self._counts.ignored += 1
+            return
+        block, chunk = verdict["block"], verdict["chunk"]
+        active.basin.take(chunk, verdict["cells"], verdict)
+        self._apply(ledger_events.Judged(block, chunk, verdict["chunk_checksum"], verdict["checksum"]))
+        self._counts.messages += 1
+
+    # ---- the ledger
+
+    def _apply(self, event: ledger_events.Event) -> None:
+        """Pass an event to the ledger of an open run and carry out what it answers."""
+        active = self._active
+        if active is None or active.is_closing:
+            return
+        run = active.run
+        out = run.ledger.handle(event, self._now)
+        run.record(item.entry for item in out if isinstance(item, ledger_events.Record))
+        for item in out:
+            match item:
+                case ledger_events.Dispatch(block, attempt, simulator):
+                    self._send(run, block, attempt, simulator)
+                case ledger_events.NewEpoch():
+                    self._publish_plan(active)
+                case ledger_events.Settled(block, State.QUARANTINED, why):
+                    run.quarantined[block] = why
+                    self._log("error", f"block {block} is quarantined: {why}")
+        if run.ledger.finished and not active.is_closing:
+            self._next_round_or_close(active)
+
+    def _send(self, run: Run, block: int, attempt: int, simulator: str) -> None:
+        incarnation = self._pool.send(simulator, block, attempt, self._now)
+        if incarnation:
+            self._publish("blocks", messages.block_message(run, self._incarnation, incarnation, block, attempt))
+
+    # ---- as time passes
+
+    def _tick(self) -> None:
+        active = self._active
+        if active is None:
+            return
+        run = active.run
+        if active.cancelled and not active.is_closing:
+            self._log("warning", f"run {run.run_id} is cancelled; it can be resumed: -p resume:={run.directory}")
+            self._close(active)
+        if active.is_closing:
+            self._finish_when_closed(active)
+            return
+        if self._now - active.plan_at >= ANNOUNCE_S and self._consumers.is_plan_needed(run.run_id, self._now):
+            self._publish_plan(active)
+        self._say_hello(run)
+        self._begin_work()
+        self._apply(ledger_events.Tick())
+        if not active.is_closing:
+            self._publish_plan(active, if_changed=True)
+            self._publish_map(active)
+            if active.goal is not None:
+                self._out.append(PublishFeedback(active.goal, active.feedback(self._wall_clock())))
+
+    def _begin_work(self) -> None:
+        """Let simulators join while recorder and classifier of this run are ready; else report what is missing."""
+        active = self._active
+        if active is None or active.is_closing:
+            return
+        missing = self._consumers.missing(active.run.run_id, self._now)
+        self._pool.check(self._now, may_join=not missing)
+        if not missing and not self._neighbours.of_role("simulator", self._now):
+            missing = ["no simulator is heard"]
+        if missing:
+            self._become(NodeState.STARTING, f"waiting in {self._namespace}: {', '.join(missing)}")
+        elif self._state == NodeState.STARTING:
+            self._become(NodeState.BUSY)
+
+    def _say_hello(self, run: Run) -> None:
+        """Send simulators a Block without cells, so that they can report that blocks arrive; at first more often."""
+        simulators = self._neighbours.of_role("simulator", self._now)
+        unheard = any("blocks" not in simulator.hears for simulator in simulators)
+        if simulators and self._now - self._last_hello >= (FIRST_HELLO_S if unheard else HELLO_S):
+            self._last_hello = self._now
+            self._publish("blocks", messages.block_message(run, self._incarnation))
+
+    # ---- what goes out
+
+    def _publish(self, topic: Literal["plan", "blocks"], data: bytes) -> None:
+        self._out.append(Publish(topic, data))
+
+    def _publish_plan(self, active: ActiveRun, if_changed: bool = False) -> None:
+        plan = active.plan_message(self._incarnation)
+        if not if_changed or plan != active.plan:
+            active.plan, active.plan_at = plan, self._now
+            self._publish("plan", plan)
+
+    def _publish_map(self, active: ActiveRun) -> None:
+        values = active.new_map()
+        if values is not None:
+            self._out.append(PublishMap(values))
+
+    def _become(self, state: int, detail: str = "", run_id: str | None = None) -> None:
+        self._state = state
+        self._out.append(Become(state, detail, run_id))
+
+    def _log(self, severity: Literal["info", "warning", "error"], text: str) -> None:
+        self._out.append(Log(severity, text))

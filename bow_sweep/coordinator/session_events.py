@@ -1,0 +1,160 @@
+"""What the coordinator's session takes in, events, and what it asks its node to do, instructions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from bow_sim.protocol.neighbours import Neighbour
+from bow_sweep.maps.basin_map import Basin
+from bow_sweep.run.directory import Run
+
+# ---- events
+
+
+@dataclass(frozen=True)
+class RunGiven:
+    """There is a run to work on, new or resumed; `layers` are the verdicts in its bag, None if there are none."""
+
+    run: Run
+    layers: Mapping[str, np.ndarray] | None = None
+
+
+@dataclass(frozen=True)
+class GoalAccepted:
+    """The action server has accepted a goal; `goal` is its UUID."""
+
+    goal: bytes
+    preset: str
+    settings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CancelRequested:
+    """A client asks to cancel a goal."""
+
+    goal: bytes
+
+
+@dataclass(frozen=True)
+class HealthReceived:
+    """A heartbeat (Health) has arrived; `neighbour` is None if it reports that a node has ended or left."""
+
+    message: Any
+    neighbour: Neighbour | None
+
+
+@dataclass(frozen=True)
+class ReceiptReceived:
+    """A Receipt has arrived, `data` in CDR."""
+
+    data: bytes
+
+
+@dataclass(frozen=True)
+class VerdictsReceived:
+    """A Verdicts message has arrived, `data` in CDR."""
+
+    data: bytes
+
+
+@dataclass(frozen=True)
+class ResultsWritten:
+    """A :class:`WriteResults` has been carried out.
+
+    Attributes
+    ----------
+    playability
+        For the report, see :func:`bow_sweep.coordinator.results.playability_of`.
+    problem
+        Why there is no picture; "" if there is one.
+    """
+
+    playability: Mapping[str, Any]
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class TimePassed:
+    """Send it every `TICK_S`."""
+
+
+Event = (
+    RunGiven
+    | GoalAccepted
+    | CancelRequested
+    | HealthReceived
+    | ReceiptReceived
+    | VerdictsReceived
+    | ResultsWritten
+    | TimePassed
+)
+
+# ---- instructions, to be carried out in order
+
+
+@dataclass(frozen=True)
+class Publish:
+    """Publish a message, `data` in CDR."""
+
+    topic: Literal["plan", "blocks"]
+    data: bytes
+
+
+@dataclass(frozen=True)
+class PublishMap:
+    """Publish the map so far, `values` being the fields of a BasinMap, and the same as an image."""
+
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class PublishFeedback:
+    """Publish the progress of a goal, `values` being the fields of RunSweep.Feedback."""
+
+    goal: bytes
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class AnswerGoal:
+    """End a goal, `values` being the fields of RunSweep.Result; without a run_id it has failed."""
+
+    goal: bytes
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Become:
+    """Change the state in this node's heartbeat, see NodeState; `run_id` None leaves that as it is."""
+
+    state: int
+    detail: str = ""
+    run_id: str | None = None
+
+
+@dataclass(frozen=True)
+class Log:
+    """Write a line to the log."""
+
+    severity: Literal["info", "warning", "error"]
+    text: str
+
+
+@dataclass(frozen=True)
+class WriteResults:
+    """Write the map and the picture of a run, then send :class:`ResultsWritten`."""
+
+    run: Run
+    basin: Basin
+
+
+@dataclass(frozen=True)
+class RunEnded:
+    """The run is finished: its report is written and its directory released."""
+
+
+Instruction = Publish | PublishMap | PublishFeedback | AnswerGoal | Become | Log | WriteResults | RunEnded
