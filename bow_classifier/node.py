@@ -13,7 +13,8 @@ from bow_msgs.msg import BridgeForce, Health, StickSlip, Verdicts
 
 from bow_classifier.precompile import precompile
 from bow_classifier.stream import Classifier
-from bow_sim.graph.node_base import LOG_AGAIN_S, STREAM, BowNode, live
+from bow_sim.graph.node_base import LOG_AGAIN_S, STREAM, BowNode
+from bow_sim.graph.node_process import run_node
 from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import Neighbour
@@ -59,7 +60,7 @@ class ClassifierNode(BowNode):
             name = kind.__name__
             self.create_subscription(kind, TOPICS[name], partial(self._on_stream, name), STREAM, raw=True)
         self.every(CHECK_S, self._check_readers)
-        self.become(Health.STARTING, "waiting for a plan")
+        self.set_state(Health.STARTING, "waiting for a plan")
 
     def ignore(self, why: str) -> None:
         """Count a message that does not belong here, and log why."""
@@ -71,11 +72,11 @@ class ClassifierNode(BowNode):
         classifier.plan(data)
         if classifier.problem:
             self.get_logger().error(f"cannot judge this sweep: {classifier.problem}")
-            self.become(Health.FAILED, classifier.problem)
+            self.set_state(Health.FAILED, classifier.problem)
         elif classifier.task is None:
-            self.become(Health.STARTING, "waiting for a plan", run="")
+            self.set_state(Health.STARTING, "waiting for a plan", run="")
         elif self.health.run_id != classifier.task.outline.run_id:
-            self.become(Health.STARTING, "a sweep opens", run=classifier.task.outline.run_id)
+            self.set_state(Health.STARTING, "a sweep opens", run=classifier.task.outline.run_id)
             self._check_readers()
         self._report()
 
@@ -92,7 +93,7 @@ class ClassifierNode(BowNode):
         starting = self.health.state == Health.STARTING
         self._outbox.send_hello(lambda: cdr.hello("Verdicts", self.incarnation))
         if self.is_heard(READERS, task.outline.run_id) and starting:
-            self.become(Health.READY)
+            self.set_state(Health.READY)
 
     def _on_stream(self, name: str, data: bytes) -> None:
         sender = cdr.hello_from(name, data)
@@ -116,7 +117,7 @@ class ClassifierNode(BowNode):
 
 def main() -> int:
     """Entry point of ``ros2 run bow classifier``."""
-    return live(ClassifierNode, description=HELP)
+    return run_node(ClassifierNode, description=HELP)
 
 
 if __name__ == "__main__":

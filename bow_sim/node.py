@@ -15,7 +15,8 @@ from bow_msgs.msg import Block, BridgeForce, Health, Receipt, StickSlip
 from rclpy.publisher import Publisher
 
 from bow_sim.block_request import encode_chunk
-from bow_sim.graph.node_base import INSPECT, STREAM, WAVES, WORK, BowNode, RCLError, live
+from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
+from bow_sim.graph.node_process import run_node
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
@@ -89,7 +90,7 @@ class SimulatorNode(BowNode):
 
     # ---- what comes in, in the executor's thread
 
-    def cares(self, role: str, node: str) -> bool:
+    def confirms(self, role: str, node: str) -> bool:
         """Other simulators do not matter, unless they have our name."""
         return role in CONSUMERS or role == "coordinator" or node == self.health.node
 
@@ -144,7 +145,7 @@ class SimulatorNode(BowNode):
             while not self.finished:
                 match self._to_node.get_nowait():
                     case SetState(state, detail, run_id):
-                        self.become(state, detail, run_id)
+                        self.set_state(state, detail, run_id)
                     case Report() as report:
                         self._report(report)
                     case RecreatePublishers():
@@ -162,13 +163,13 @@ class SimulatorNode(BowNode):
         health.state, health.detail = report.state, report.detail
         health.held_blocks, health.held_attempts = ([key[part] for key in report.held] for part in (0, 1))
         health.refused_blocks, health.refused_attempts = ([key[part] for key in report.refused] for part in (0, 1))
-        self.beat()
+        self.publish_health()
 
     def _create_publishers(self) -> None:
         with self._publishing:
             for publisher in self._streams:
                 self.destroy_publisher(publisher)
-            self._streams = [self.create_publisher(kind, topic, WAVES) for topic, kind in STREAMS.items()]
+            self._streams = [self.create_publisher(kind, topic, STREAM_WRITER) for topic, kind in STREAMS.items()]
 
     # ---- the worker's thread
 
@@ -219,7 +220,7 @@ class SimulatorNode(BowNode):
 
 def main() -> int:
     """Entry point of ``ros2 run bow simulator``."""
-    return live(SimulatorNode, description=HELP)
+    return run_node(SimulatorNode, description=HELP)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from bow_sim.block_request import BlockRequest
 from bow_sim.block_request import prepare as prepare_request
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, Window
-from bow_sim.protocol.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S
+from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, UNCONFIRMED_S
 from bow_sim.protocol.states import BlockState, NodeState, PlanState, ReceiptKind
 from bow_sim.simulator_events import (
     BlockReceived,
@@ -243,7 +243,7 @@ class SimulatorSession:
             return
         if missing:
             self._set_state(NodeState.STARTING, f"waiting: {', '.join(missing)}", out)
-            if self._publishers_fail and now - self._publishers_since > DEAF_S:
+            if self._publishers_fail and now - self._publishers_since > UNCONFIRMED_S:
                 self._publishers_fail, self._publishers_since = False, now
                 out.append(Log("the streams cannot be published: their publishers are created again"))
                 out.append(RecreatePublishers())

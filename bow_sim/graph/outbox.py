@@ -1,4 +1,4 @@
-"""Messages of one topic that must all go out, in order, also while a subscriber hangs."""
+"""Messages of one topic that must all be published, in order, also while a subscriber hangs."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ RETRY_S = 0.25
 
 
 class Outbox:
-    """Publishes messages in order and keeps those that cannot go out now; flow control bounds how many that can be.
+    """Publishes messages in order and keeps those that cannot be published now; flow control bounds their number.
 
     Parameters
     ----------
     node
-        Whose messages they are: has the clock and the log, and tries again every `RETRY_S`.
+        The node that publishes: gives clock, log and timer.
     publisher
         Of the topic.
     """
@@ -40,13 +40,13 @@ class Outbox:
             self.flush()
 
     def send_hello(self, make: Callable[[], bytes]) -> None:
-        """Publish a hello, if nothing has gone out for a while: ten times a second until the node is ready."""
+        """Publish a hello if nothing was published for a while: ten times a second until the node is ready."""
         pause = FIRST_HELLO_S if self._node.health.state == NodeState.STARTING else HELLO_S
         if not self._waiting and self._node.awake.now() - self._last_sent >= pause:
             self.send([make()])
 
     def flush(self) -> None:
-        """Publish what waits, until the middleware reports an error."""
+        """Publish the messages that wait, until the middleware reports an error."""
         self._blocked = False
         while self._waiting and not self._blocked:
             try:

@@ -17,7 +17,8 @@ from bow_msgs.msg import Health, Receipt
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from bow_sim.graph.node_base import STREAM, BowNode, live
+from bow_sim.graph.node_base import STREAM, BowNode
+from bow_sim.graph.node_process import run_node
 from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import SILENT_S, Neighbour
@@ -91,7 +92,7 @@ class RecorderNode(BowNode):
                 kind, qos = _class_of(topic), subscription_qos(topic.qos)
                 self.create_subscription(kind, topic.name, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
-        self.become(Health.READY, "waits for a plan")
+        self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
         checked = topic.name in ("health", "basin_map/image", "diagnostics", "/rosout")
@@ -168,14 +169,14 @@ class RecorderNode(BowNode):
             self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
             self._waiting = (plan, data)
-            self.become(Health.STARTING, str(error), run)
+            self.set_state(Health.STARTING, str(error), run)
         except AlreadyClosedError as error:
             self._done_with = (run, plan["epoch"])
-            self.become(Health.CLOSED, str(error), run)
+            self.set_state(Health.CLOSED, str(error), run)
         except (BagError, LockError, OSError, ValueError, LookupError) as error:
             self._done_with = (run, plan["epoch"])
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
-            self.become(Health.FAILED, f"cannot record: {error}", run)
+            self.set_state(Health.FAILED, f"cannot record: {error}", run)
         else:
             self._complained = self._counted = 0
             for file in self._session.report["files"]:
@@ -184,7 +185,7 @@ class RecorderNode(BowNode):
                         f"{file['file']} is {file['was']}, {file['did']}: {file['messages']} messages stay; taken out: "
                         f"{', '.join(file['aside']) or 'nothing'}"
                     )
-            self.become(Health.STARTING, f"opened {self._session.bag.path}", run)
+            self.set_state(Health.STARTING, f"opened {self._session.bag.path}", run)
             self._tick()
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
@@ -214,14 +215,14 @@ class RecorderNode(BowNode):
         starting = self.health.state == Health.STARTING
         self._outbox.send_hello(session.empty_receipt)
         if self.is_heard(READERS, session.expected.run_id) and starting:
-            self.become(Health.BUSY, f"records to {session.bag.path}")
+            self.set_state(Health.BUSY, f"records to {session.bag.path}")
 
-    def beat(self) -> None:
+    def publish_health(self) -> None:
         """Publish the state of this node now, with the counts of the open bag."""
         session = getattr(self, "_session", None)
         if session is not None:
             self._count(session)
-        super().beat()
+        super().publish_health()
 
     def _count(self, session: Session) -> None:
         self.health.messages, self.health.bytes = session.messages, session.bytes
@@ -259,7 +260,7 @@ class RecorderNode(BowNode):
             return
         self._outbox.send([message] if message else ())
         self._count(session)
-        self.become(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
+        self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
     def _fail(self, session: Session, error: OSError) -> None:
         """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
@@ -269,7 +270,7 @@ class RecorderNode(BowNode):
         session.abandon()
         what = f"{session.bag.path}: {error.strerror or error}; nothing more is recorded; make room and resume"
         self.get_logger().error(what)
-        self.become(Health.FAILED, what, session.expected.run_id)
+        self.set_state(Health.FAILED, what, session.expected.run_id)
 
     def close(self) -> None:
         """Finish the bag; what is still under way is not answered and so will be sent again."""
@@ -284,7 +285,7 @@ def _class_of(topic: Topic) -> type:
 
 def main() -> int:
     """Entry point of ``ros2 run bow recorder``."""
-    return live(RecorderNode, description=HELP)
+    return run_node(RecorderNode, description=HELP)
 
 
 if __name__ == "__main__":

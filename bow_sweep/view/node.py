@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
 from rclpy.qos import QoSProfile
 
-from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError, end_after, live
+from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError
+from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.view.status_page import Node
@@ -77,7 +78,7 @@ class DashboardNode(BowNode):
         self.every(TICK_S, self._tick)
         from bow_sweep.view import live_run  # noqa: F401  # rerun takes a second to import: now, while the others start too
 
-        self.become(Health.READY, "waits for a plan")
+        self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, name: str, take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
         """Return what hands the fields of a message on, and counts it; what is no such message is counted apart."""
@@ -147,7 +148,7 @@ class DashboardNode(BowNode):
     def _become_busy(self) -> None:
         """Say what is written, and what a user should know."""
         assert self._show is not None
-        self.become(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
+        self.set_state(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
 
     def _open_viewer(self, uri: str) -> list[str]:
         """Start a viewer; return what a user should know."""
@@ -180,12 +181,12 @@ class DashboardNode(BowNode):
             return
         self._past, self._over = show, (show.run_id, show.epoch)
         self.health.ignored += show.ignored
-        self.become(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
+        self.set_state(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
 
     def _fail(self, what: str, run: str) -> None:
         self._show = None
         self.get_logger().error(f"nothing more is shown: {what}")
-        self.become(Health.FAILED, what, run)
+        self.set_state(Health.FAILED, what, run)
 
     def _let_go(self) -> None:
         """End the server of the run before."""
@@ -242,8 +243,8 @@ class DashboardNode(BowNode):
 
 def main() -> int:
     """Entry point of ``ros2 run bow dashboard``."""
-    status = live(DashboardNode, description=HELP)
-    end_after(EXIT_S)
+    status = run_node(DashboardNode, description=HELP)
+    exit_after(EXIT_S)
     return status
 
 

@@ -20,7 +20,7 @@ from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.features.slips import Intervals
 from bow_classifier.node import ClassifierNode
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.graph.node_base import LATCHED, STREAM, WAVES, BowNode, RCLError
+from bow_sim.graph.node_base import LATCHED, STREAM, STREAM_WRITER, BowNode, RCLError
 from bow_sim.kernel.block import Block
 from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
@@ -47,15 +47,15 @@ class Graph:
         self.recorder = BowNode("recorder", namespace=NAMESPACE, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         for node in (self.node, self.recorder):
-            node.become(Health.BUSY, "", RUN)
+            node.set_state(Health.BUSY, "", RUN)
             self.executor.add_node(node)
         self.recorder.create_subscription(Verdicts, "verdicts", partial(self.take, self.recorder), STREAM, raw=True)
         self.verdicts: list[bytes] = []
         self.health: dict[str, Health] = {}
         self.plan = self.node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {
-            "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", WAVES),
-            "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", WAVES),
+            "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", STREAM_WRITER),
+            "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", STREAM_WRITER),
         }
         self.node.create_subscription(Verdicts, "verdicts", partial(self.take, self.node), STREAM, raw=True)
         self.node.create_subscription(Health, "health", lambda m: self.health.update({m.role: m}), LATCHED)

@@ -22,7 +22,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, WAVES
+from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, STREAM_WRITER
 from bow_sim.protocol import cdr
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -139,7 +139,8 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
     kinds = {"bridge_force": BridgeForce, "stick_slip": StickSlip, "verdicts": Verdicts, "receipts": Receipt}
     latched = {"plan": Plan, "health": Health, "basin_map": BasinMap}
     publishers = [
-        node.create_publisher(kind, topic, WAVES if kind is BridgeForce else STREAM) for topic, kind in kinds.items()
+        node.create_publisher(kind, topic, STREAM_WRITER if kind is BridgeForce else STREAM)
+        for topic, kind in kinds.items()
     ]
     latched_ones = [node.create_publisher(kind, topic, LATCHED) for topic, kind in latched.items()]
     latched_ones.append(node.create_publisher(BridgeForce, "inspect", INSPECT))

@@ -44,7 +44,7 @@ from bow_sim.block_request import BlockRequest
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import RESEND_S
-from bow_sim.protocol.neighbours import DEAF_S
+from bow_sim.protocol.neighbours import UNCONFIRMED_S
 from bow_sim.protocol.states import NodeState, PlanState, ReceiptKind
 from bow_sim.simulator_events import (
     BlockReceived,
@@ -315,7 +315,7 @@ class Sessions(RuleBasedStateMachine):
             again = [item.messages for item in out if isinstance(item, Publish) and item.again]
             assert again == [sent for sent, _ in self.unanswered.values()]
 
-    @rule(seconds=st.sampled_from([0.1, DEAF_S + 0.1]))
+    @rule(seconds=st.sampled_from([0.1, UNCONFIRMED_S + 0.1]))
     def pass_time(self, seconds: float) -> None:
         self.now += seconds
 

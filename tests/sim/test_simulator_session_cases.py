@@ -16,7 +16,7 @@ from session_messages import (
 )
 
 from bow_sim.kernel.fingerprint import fingerprint
-from bow_sim.protocol.neighbours import DEAF_S, FIRST_HELLO_S, HELLO_S
+from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, UNCONFIRMED_S
 from bow_sim.protocol.states import NodeState
 from bow_sim.simulator_events import (
     BlockReceived,
@@ -108,14 +108,14 @@ def test_hellos_are_frequent_until_the_streams_are_received_and_stop_while_chunk
 def test_publishers_that_fail_for_good_are_created_again(session: SimulatorSession) -> None:
     publish = next(item for item in session.handle(WorkerIdle(), 9) if isinstance(item, Publish))
     session.handle(Published(publish, failed=True), 9)
-    assert session.handle(ReadersChecked((), consumers_alive=True), 9 + 2 * DEAF_S) == []  # it was for a moment
+    assert session.handle(ReadersChecked((), consumers_alive=True), 9 + 2 * UNCONFIRMED_S) == []  # it was for a moment
     missing = ReadersChecked(("/bow/recorder does not hear bridge_force",), consumers_alive=True)
     early = SimulatorSession(OWN, "f", lambda *_: True, prepare=request, now=8)
     early.handle(PlanReceived(plan()), 9)
     early.handle(Published(publish, failed=True), 9)
     assert not any(isinstance(item, RecreatePublishers) for item in early.handle(missing, 9))
-    assert RecreatePublishers() in early.handle(missing, 8.1 + DEAF_S)
-    assert RecreatePublishers() not in early.handle(missing, 20 + DEAF_S)
+    assert RecreatePublishers() in early.handle(missing, 8.1 + UNCONFIRMED_S)
+    assert RecreatePublishers() not in early.handle(missing, 20 + UNCONFIRMED_S)
 
 
 def test_a_lost_consumer_takes_the_simulator_out_of_work_until_it_is_back(session: SimulatorSession) -> None:
