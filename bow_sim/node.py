@@ -47,7 +47,7 @@ usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p c
 
 Simulates blocks of bowed strings for a sweep. Start as many as there are cores, here or on other machines, each under a
 name of its own; each joins the pool of the coordinator in its namespace (default /bow) by its heartbeat on `health`.
-It takes work once the recorder and the classifier of that namespace hear its streams.
+It takes work once the recorder and the classifier of that namespace receive its streams.
 """
 
 CHECK_S = 0.1
@@ -91,7 +91,7 @@ class SimulatorNode(BowNode):
     # ---- what comes in, in the executor's thread
 
     def confirms(self, role: str, node: str) -> bool:
-        """Other simulators do not matter, unless they have our name."""
+        """Other simulators are not confirmed, unless they have the same name and one of the two has to end."""
         return role in CONSUMERS or role == "coordinator" or node == self.health.node
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
@@ -187,7 +187,7 @@ class SimulatorNode(BowNode):
                     self.health.duplicates += again
                     self._handle(Published(instruction, failed=not self._publish(messages)))
                     if inspect:
-                        with contextlib.suppress(RCLError):  # for people to look at: a lost one is no loss
+                        with contextlib.suppress(RCLError):  # only for display, may be lost
                             self._inspect.publish(inspect)
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
@@ -206,13 +206,13 @@ class SimulatorNode(BowNode):
                 for publisher, message in zip(self._streams, messages, strict=True):
                     publisher.publish(message)
                     self.health.bytes += len(message)
-        except RCLError as error:  # a subscriber hangs or is just leaving: what stays unanswered is sent again
-            self.get_logger().warning(f"a chunk did not go out: {error}", throttle_duration_sec=5.0)
+        except RCLError as error:  # a subscriber hangs or is just ending; unanswered chunks are sent again
+            self.get_logger().warning(f"a chunk is not published: {error}", throttle_duration_sec=5.0)
             return False
         return True
 
     def close(self) -> None:
-        """Stop the worker; what it has not finished the coordinator gives to another."""
+        """Stop the worker; the coordinator gives unfinished blocks to other simulators."""
         self._leaving.set()
         self._to_worker.put(None)
         self._worker.join(5.0)

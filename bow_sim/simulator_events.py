@@ -21,14 +21,14 @@ class PlanReceived:
 
 @dataclass(frozen=True)
 class BlockReceived:
-    """A decoded Block, from anybody and for any simulator."""
+    """A decoded Block, from any sender and for any simulator."""
 
     message: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class ReceiptReceived:
-    """A decoded Receipt, from anybody."""
+    """A decoded Receipt, from any sender."""
 
     receipt: Mapping[str, Any]
 
@@ -70,7 +70,7 @@ class Published:
 
     instruction: Publish
     failed: bool
-    """Whether the middleware reported an error: a subscriber hangs, or is just leaving."""
+    """Whether the middleware reported an error: a subscriber hangs, or is just ending."""
 
 
 @dataclass(frozen=True)

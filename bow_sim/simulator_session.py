@@ -5,7 +5,7 @@ streams. The node around it has the topics, the clock and a worker thread that c
 carries out one :class:`ComputeChunk` or :class:`Publish` after the other, and reports each with an event.
 
 A block is *held* from its acceptance until its last chunk is published. It ends as complete, or as refused if it cannot
-be computed or nobody waits for it any more (it is *void*).
+be computed or has become *void*: it is of another run or an older epoch, or it is settled.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ class SimulatorSession:
             out.append(Report(self.state, self.detail, tuple(self.held), tuple(self._refused)))
         return out
 
-    # ---- what the others send
+    # ---- messages of other nodes
 
     def _take_plan(self, plan: Mapping[str, Any], out: list[Instruction]) -> None:
         run = (plan["run_id"], plan["sweep_id"])
@@ -171,7 +171,7 @@ class SimulatorSession:
             self._set_state(NodeState.STARTING, "a sweep opens", out)
 
     def _enter_epoch(self, epoch: int) -> None:
-        """Enter the epoch that a plan or a block announces, if newer: nobody answers what was sent in older ones."""
+        """Enter the epoch of a plan or a block, if it is newer: chunks of older epochs get no answers."""
         if epoch > self.epoch:
             self.epoch = epoch
             self._window.drop()
@@ -180,7 +180,7 @@ class SimulatorSession:
         key = (message["block"], message["attempt"])
         if message["simulator"] != self.incarnation:
             return
-        if not self._works_for(message["coordinator"], message["run_id"]):  # from a bag that is played, for example
+        if not self._works_for(message["coordinator"], message["run_id"]):  # for example from a bag that is played
             out.append(Ignore(f"block {key[0]}: coordinator {message['coordinator']} is not known to work for its run"))
             return
         if key in self.held:
@@ -255,10 +255,10 @@ class SimulatorSession:
             self.state, self.detail = state, detail
             out.append(SetState(state, detail, self.run[0]))
 
-    # ---- the work
+    # ---- computing and publishing
 
     def _is_void(self, request: BlockRequest) -> bool:
-        """Whether nobody waits for a block any more."""
+        """Whether a block need not be computed any more."""
         message = request.message
         return (
             (message["run_id"], message["sweep_id"]) != self.run
@@ -290,7 +290,7 @@ class SimulatorSession:
 
     def _take_published(self, instruction: Publish, failed: bool) -> None:
         self._publishing -= 1
-        self._publishers_fail |= failed  # a chunk that was lost is sent again
+        self._publishers_fail |= failed  # a lost chunk is sent again
         if instruction.of is not None:
             self._busy, self._computed = False, None
             self._chunk += 1
@@ -305,10 +305,10 @@ class SimulatorSession:
             self._refused.append(request.key)
         self._report_due = True
 
-    # ---- what goes out again
+    # ---- while nothing else is to do
 
     def _show_that_streams_arrive(self, now: float, out: list[Instruction]) -> None:
-        """Send again what stays unanswered; if there is nothing, send a hello."""
+        """Send unanswered chunks again; if there are none, send a hello."""
         if len(self._window):
             self._send_again(now, out)
             return
@@ -323,10 +323,10 @@ class SimulatorSession:
         return not self._busy and not self._publishing
 
     def _send_again(self, now: float, out: list[Instruction]) -> None:
-        """Publish what stays unanswered although both consumers are alive.
+        """Publish unanswered chunks again, if both consumers are alive.
 
-        Only while the worker rests: answers may be late because of the load, and a subscriber that hangs must not make
-        messages pile up.
+        Only while the worker has nothing to do: under load answers may be late, and while a subscriber hangs,
+        instructions must not accumulate.
         """
         if self._consumers_alive and self._rests:
             for messages in self._window.overdue(now):

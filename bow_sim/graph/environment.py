@@ -90,7 +90,7 @@ def open_streams() -> None:
 
 
 def silence(name: str) -> None:
-    """Redirect "stdout" or "stderr" to /dev/null after an error of writing, so that Python exits without another one."""
+    """Redirect "stdout" or "stderr" to /dev/null after an error of writing, so that Python exits quietly."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
     except (OSError, ValueError, AttributeError):  # not a real file, for example in a notebook

@@ -34,8 +34,8 @@ STREAM = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolic
 """verdicts, receipts, subscribers of the streams: nothing is dropped; flow control bounds how much is under way."""
 
 STREAM_WRITER = QoSProfile(depth=LIMIT, reliability=ReliabilityPolicy.RELIABLE)
-"""Publishers of the streams. They keep as many messages as flow control permits to be under way: neither consumer misses
-one, and no other subscriber blocks them. Shared memory is reserved for as many messages of bridge_force."""
+"""Publishers of the streams. They keep as many messages as flow control permits to be under way: neither consumer
+misses one, and no other subscriber blocks them. Shared memory is reserved for as many messages of bridge_force."""
 
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """plan, basin_map, health: a late subscriber gets the latest message of every publisher."""

@@ -26,8 +26,8 @@ from bow_sim.graph.shm_notes import Note
 from bow_sim.protocol.neighbours import LEFT
 
 LEAVE_S = 10
-"""A closed node whose DDS entities are not destroyed in this time is ended by SIGALRM: Fast DDS sometimes waits for ever
-where many nodes end at once, or where a process was killed while it held a shared-memory lock."""
+"""A closed node whose DDS entities are not destroyed in this time is ended by SIGALRM: Fast DDS sometimes waits for
+ever where many nodes end at once, or where a process was killed while it held a shared-memory lock."""
 
 
 def keep_freed_memory() -> None:

@@ -1,9 +1,9 @@
 """Shared-memory files that a killed process leaves in /dev/shm: up to 40 MB for each, until the next boot.
 
 Fast DDS keeps its messages in a segment ``fastrtps_<16 digits>`` and receives notifications at
-``fastrtps_port<number>``. A living process holds a lock on the file ``..._el`` beside each of them, so these are removed
-if nobody holds the lock. Data-sharing files ``fast_datasharing_<GUID>`` have no lock, but the GUID encodes the lowest
-two bytes of the owner's process number: they are removed if no process with such a number has mapped them.
+``fastrtps_port<number>``. A living process holds a lock on the file ``..._el`` beside each of them, so these are
+removed if no process holds the lock. Data-sharing files ``fast_datasharing_<GUID>`` have no lock, but the GUID encodes
+the lowest two bytes of the owner's process number: they are removed if no process with such a number has mapped them.
 
 Only files that a process of ours has used are removed. The shared-memory cleaner records them
 (:mod:`bow_sweep.processes.shm_cleaner`), or a note does (:mod:`bow_sim.graph.shm_notes`).

@@ -1,9 +1,9 @@
-"""Notes on the shared memory of nodes that have no supervisor: the next node that starts removes what a killed one left.
+"""Notes on the shared memory of nodes without a supervisor: the next node that starts removes what a killed one left.
 
-`bow sweep` starts a process for that, :mod:`bow_sweep.processes.shm_cleaner`. A node that is started by hand, or by `ros2
-launch`, writes a note instead: a file in shared memory that lists its other files there. The name of the note encodes
-the user, the namespace of process numbers, the process number and the start of the process. If that process is gone,
-the listed files are removed unless other processes use them by now.
+`bow sweep` starts a process for that, :mod:`bow_sweep.processes.shm_cleaner`. A node that is started by hand, or by
+`ros2 launch`, writes a note instead: a file in shared memory that lists its other files there. The name of the note
+encodes the user, the namespace of process numbers, the process number and the start of the process. If that process is
+gone, the listed files are removed unless other processes use them.
 """
 
 from __future__ import annotations

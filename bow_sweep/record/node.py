@@ -1,8 +1,8 @@
-"""The recorder node: subscribes to everything on the graph of a run, writes it to a bag, and gives receipts.
+"""The recorder node: subscribes to all topics of a run, writes the messages to a bag, and publishes receipts.
 
-A latched `plan` opens the bag of a run and closes it. Streams and verdicts are stored once by identity and answered
-every time; a receipt goes out after its bytes are in the file, and one for every block when all of it is on the disk.
-After a restart the bag goes on in its next file.
+A latched `plan` opens and closes the bag of a run. Messages of streams and verdicts are stored once by identity, and
+answered every time they arrive. A receipt for a chunk is published when its bytes are in the file, and one for a block
+when all of it is on the disk. A recorder that is started again continues the bag in a new file.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ Answers on `receipts` for every chunk and verdict that is in the file.
 """
 
 DEPTH = 1000
-"""Messages kept for us on topics that are not KEEP_ALL."""
+"""History depth of subscriptions to topics that are not KEEP_ALL."""
 
 COMPLAINTS = 20
-"""Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
+"""Complaints that are logged for each run, at most; further invalid messages are only counted."""
 
 AGAIN_S = 2.0
-"""Between two receipts for a block that is on the disk and not done: the first may have got lost."""
+"""Between two receipts for a block that is on the disk and not done: the first may be lost."""
 
 READERS = (("receipts", "coordinator"),)
 """Pairs of topic and the role that has to receive it."""
 
 
 def subscription_qos(qos: Qos) -> QoSProfile:
-    """Return what to ask for on a topic offered with `qos`: what it gives, and room for it."""
+    """Return the quality of service to request on a topic that is offered with `qos`."""
     if qos.history == "keep_all":
         return STREAM
     return QoSProfile(
@@ -80,15 +80,15 @@ class RecorderNode(BowNode):
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
-        self._waits_until = self._last_said = 0.0
-        # In the bag a topic has the name that readers look for, also where it is remapped on the graph.
+        self._waits_until = self._answered_again_at = 0.0
+        # Topics have these names in the bag, also if they are remapped on the graph: readers expect them.
         prefix = self.get_namespace().rstrip("/")
         self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
         self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
         self.subscribe_plan(self._on_plan)
         for topic in TOPICS.values():
-            if topic.name not in ("plan", "receipts"):  # our own receipts are written as they are made
+            if topic.name not in ("plan", "receipts"):  # the session writes our receipts
                 kind, qos = _class_of(topic), subscription_qos(topic.qos)
                 self.create_subscription(kind, topic.name, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
@@ -117,12 +117,12 @@ class RecorderNode(BowNode):
         return take
 
     def _readable(self, topic: Topic, kind: type, data: bytes) -> bool:
-        """Whether a message that has no identity may enter the bag: it is one, and of our namespace."""
+        """Whether a message without identity may enter the bag: it can be decoded, and a log is of this namespace."""
         if topic.name == "/rosout" and not log_name(data).startswith(self._loggers):
             return False
         try:
             deserialize_message(data, kind)
-        except Exception:  # rclpy raises what the type support likes
+        except Exception:  # the type support may raise any exception
             self.health.ignored += 1
             return False
         return True
@@ -153,7 +153,9 @@ class RecorderNode(BowNode):
         assert self._waiting is not None
         plan, data = self._waiting
         run = str(plan["run_id"])
-        if not self.works_for(plan["incarnation"], run):  # a plan out of a bag, or it has not heard of us yet
+        if not self.works_for(
+            plan["incarnation"], run
+        ):  # the plan is from a bag, or the coordinator has not received our heartbeat yet
             if self.awake.now() > self._waits_until:
                 self._waiting = None
                 self.authority.release()
@@ -161,10 +163,10 @@ class RecorderNode(BowNode):
             return
         self._waiting = None
         try:
-            SweepOutline.of(plan)  # before its run_id names a directory
+            SweepOutline.of(plan)  # checks the run_id before it names a directory
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
-                return  # over before we came
+                return  # the run ended before this recorder started
             session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
@@ -189,11 +191,11 @@ class RecorderNode(BowNode):
             self._tick()
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Go on at once when the coordinator says that it hears us."""
+        """Continue at once when the coordinator reports that it receives our messages."""
         if message.role == "coordinator" and (self._waiting is not None or self.health.state == Health.STARTING):
             self._tick()
 
-    # ---- time
+    # ---- every 20 ms
 
     def _tick(self) -> None:
         if self._waiting is not None and self._session is None:
@@ -204,14 +206,14 @@ class RecorderNode(BowNode):
         if session.closed:
             self._finish("the plan is closed")
             return
-        if self.awake.now() - self._last_said >= AGAIN_S:
-            self._last_said = self.awake.now()
+        if self.awake.now() - self._answered_again_at >= AGAIN_S:
+            self._answered_again_at = self.awake.now()
             session.say_again()
         self._commit(session)
         self._check_readers(session)
 
     def _check_readers(self, session: Session) -> None:
-        """Be at work as long as the coordinator of this run reports that it receives the receipts."""
+        """Be BUSY as long as the coordinator of this run reports that it receives the receipts."""
         starting = self.health.state == Health.STARTING
         self._outbox.send_hello(session.empty_receipt)
         if self.is_heard(READERS, session.expected.run_id) and starting:
@@ -246,7 +248,7 @@ class RecorderNode(BowNode):
             self.get_logger().warning(f"ignored: {complaint}")
 
     def _finish(self, why: str) -> None:
-        """Close the bag properly."""
+        """Finish the bag, so that it can be read by its index."""
         session, self._session = self._session, None
         if session is None:
             return
@@ -263,7 +265,7 @@ class RecorderNode(BowNode):
         self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
     def _fail(self, session: Session, error: OSError) -> None:
-        """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
+        """Give up a bag that cannot be written any more: committed messages stay, no more receipts are published."""
         self._session = None
         self._done_with = (session.expected.run_id, session.last_plan["epoch"])
         self.authority.release()
@@ -273,7 +275,7 @@ class RecorderNode(BowNode):
         self.set_state(Health.FAILED, what, session.expected.run_id)
 
     def close(self) -> None:
-        """Finish the bag; what is still under way is not answered and so will be sent again."""
+        """Finish the bag; chunks still under way get no receipt, so they will be sent again."""
         self._finish("the recorder was told to stop")
 
 

@@ -1,7 +1,7 @@
 """The dashboard node: shows a sweep in rerun while it runs, and leaves ``dashboard.rrd`` in the run directory.
 
-A latched `plan` opens the recording of a run and finishes it. A dashboard that is started again in the middle of a run
-takes up what its predecessor recorded: there is one file, and it does not lose anything.
+A latched `plan` opens and finishes the recording of a run. A dashboard that is started again during a run continues the
+file of the one before it: there is one file, and nothing in it is lost.
 """
 
 from __future__ import annotations
@@ -37,12 +37,13 @@ gets all that came before; view:=true opens a viewer here.
 """
 
 TICK_S = 0.1
+"""Between two updates of the display."""
 
 EXIT_S = 3
-"""Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
+"""If the disk is full, rerun waits for its writer for ever when Python exits; SIGALRM ends the process after this."""
 
 INSPECT_DEPTH = 500
-"""A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""
+"""The chunks of a block arrive in a burst; with this history depth they are kept, though `inspect` is best effort."""
 
 MEMORY = re.compile(r"\d+(\.\d+)?\s?([kMGT]i?)?B|\d+(\.\d+)?%")
 
@@ -81,7 +82,7 @@ class DashboardNode(BowNode):
         self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, name: str, take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
-        """Return what hands the fields of a message on, and counts it; what is no such message is counted apart."""
+        """Return a callback that counts a message and passes its fields on, or ignores it if it is invalid."""
 
         def taker(data: bytes) -> None:
             self.health.messages += 1
@@ -118,11 +119,11 @@ class DashboardNode(BowNode):
             return
         directory = self._run_dir or self._runs_dir / run
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
-            return  # over before we came, and nobody asked for this very run
+            return  # the run ended before this dashboard started, and was not asked for by its directory
         if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
             self.ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
             return
-        self._let_go()
+        self._stop_past_server()
         notes = []
         port = self._port or (free_port() if self._view else 0)
         if port and (problem := port_problem(port)):
@@ -130,7 +131,7 @@ class DashboardNode(BowNode):
             port = 0
         try:
             self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
-        except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
+        except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
         if port:
@@ -146,12 +147,12 @@ class DashboardNode(BowNode):
             self._on_map(early)
 
     def _become_busy(self) -> None:
-        """Say what is written, and what a user should know."""
+        """Publish which file is written, and the notes for the user."""
         assert self._show is not None
         self.set_state(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
 
     def _open_viewer(self, uri: str) -> list[str]:
-        """Start a viewer; return what a user should know."""
+        """Start a viewer; return notes for the user."""
         if not has_display():
             return [f"{NO_DISPLAY}; where there is one: rerun --connect {uri}"]
         try:
@@ -160,7 +161,7 @@ class DashboardNode(BowNode):
             return [f"no viewer: {error}"]
         return []
 
-    def _look_after_viewer(self) -> None:
+    def _check_viewer(self) -> None:
         if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
             return
         self._viewer = None
@@ -170,7 +171,7 @@ class DashboardNode(BowNode):
             self._become_busy()
 
     def _finish(self, why: str) -> None:
-        """Finish the file and say so."""
+        """Finish the file and publish that."""
         show, self._show = self._show, None
         if show is None:
             return
@@ -188,13 +189,13 @@ class DashboardNode(BowNode):
         self.get_logger().error(f"nothing more is shown: {what}")
         self.set_state(Health.FAILED, what, run)
 
-    def _let_go(self) -> None:
-        """End the server of the run before."""
+    def _stop_past_server(self) -> None:
+        """Stop the server of the run before."""
         if self._past is not None:
             self._past.close()
             self._past = None
 
-    # ---- what is shown
+    # ---- what is displayed
 
     def _on_map(self, values: dict[str, Any]) -> None:
         if self._show is None:
@@ -206,7 +207,7 @@ class DashboardNode(BowNode):
         self._guarded(lambda show: show.inspect(values))
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Note how the nodes are."""
+        """Store the state of a node for the status page."""
         self._nodes[message.node] = Node(
             message.node,
             message.role,
@@ -220,12 +221,12 @@ class DashboardNode(BowNode):
         )
 
     def _tick(self) -> None:
-        self._look_after_viewer()
+        self._check_viewer()
         if self._guarded(lambda show: show.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
     def _guarded(self, do: Callable[[Show], Any]) -> Any:
-        """Do something to the run on show, if there is one; give up showing it where that fails."""
+        """Call `do` with the run on display, if there is one; stop displaying it if that fails."""
         show = self._show
         if show is None:
             return None
@@ -236,9 +237,9 @@ class DashboardNode(BowNode):
             return None
 
     def close(self) -> None:
-        """Finish the file as it is; a dashboard started later takes it up."""
+        """Finish the file as it is; a dashboard that is started later continues it."""
         self._finish("the dashboard was told to stop")
-        self._let_go()
+        self._stop_past_server()
 
 
 def main() -> int:
