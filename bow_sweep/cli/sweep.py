@@ -114,8 +114,8 @@ def _sweep(args: argparse.Namespace) -> int:
         return fail(str(error))
     if args.network:
         try:
-            os.environ.update(discovery.asked(args.network))
-        except discovery.ReachError as error:
+            os.environ.update(discovery.variables_for(args.network))
+        except discovery.NetworkError as error:
             return fail(f"--network {error}")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
     if args.resume and (args.preset or short or args.settings or args.out):
@@ -172,7 +172,9 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, left_out: list
                 f"{args.simulators} simulators -> {job.directory}"
             )
             if discovery.goes_beyond(os.environ):
-                display.print_line(f"other machines join with: {discovery.joining(f'/bow/{job.run_id}', os.environ)}")
+                display.print_line(
+                    f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"
+                )
             job.directory.mkdir(exist_ok=True)
             left_out += run_graph(
                 job.directory,

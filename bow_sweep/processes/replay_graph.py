@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.task import Task
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_base import HEARD, LATCHED, STREAM, WAVES, BowNode
+from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, STREAM, STREAM_WRITER, BowNode
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, LIMIT_BYTES
 from bow_sim.protocol.identity import random_id
@@ -98,14 +98,14 @@ class _Graph:
         self.states = np.zeros(task.outline.blocks, np.uint8)
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
-        self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
-        node.create_subscription(Health, "health", self._on_health, HEARD)
+        self.streams = {name: node.create_publisher(kind, name, STREAM_WRITER) for name, kind in KINDS.items()}
+        node.create_subscription(Health, "health", self._on_health, LATCHED_DEEP)
         for each in self.nodes:
             each.create_subscription(Verdicts, "verdicts", partial(self._on_verdicts, each), STREAM, raw=True)
 
     def _node(self, role: str) -> BowNode:
         node = BowNode(role, namespace=self.namespace, context=self.context)
-        node.become(Health.READY, "replays a bag", self.task.outline.run_id)
+        node.set_state(Health.READY, "replays a bag", self.task.outline.run_id)
         self.executor.add_node(node)
         return node
 

@@ -18,7 +18,8 @@ from rclpy.signals import SignalHandlerOptions
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.graph.diagnosis import network_hints
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_base import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
+from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
+from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sweep.processes.interrupts import Interrupts
@@ -67,10 +68,10 @@ class SupervisorNode(BowNode):
         self.closed = False
         self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
         # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
-        self._exits = self.create_publisher(Health, "health", HEARD)
+        self._exits = self.create_publisher(Health, "health", LATCHED_DEEP)
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
-        self.become(Health.READY)
+        self.create_subscription(Plan, "plan", self._on_plan, LATCHED_DEEP, raw=True)
+        self.set_state(Health.READY)
 
     def _on_map(self, data: bytes) -> None:
         try:
@@ -146,7 +147,7 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
         _with_node(supervisor, display, interrupts)
     finally:
         leave()
-        end_after(0)
+        exit_after(0)
 
 
 def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
@@ -160,7 +161,7 @@ def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts)
         executor.add_node(node)
         _watch(supervisor, node, executor, display, interrupts)
     finally:
-        end_after(LEAVE_S)
+        exit_after(LEAVE_S)
         executor.shutdown()
         if node is not None:
             node.destroy_node()

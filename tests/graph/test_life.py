@@ -14,7 +14,7 @@ from bow_sweep.record.verify import verify
 
 NODE = """
 import os, signal, sys, time
-from bow_sim.graph import node_base
+from bow_sim.graph import node_base, node_process
 
 class Node(node_base.BowNode):
     def __init__(self):
@@ -25,7 +25,7 @@ class Node(node_base.BowNode):
         time.sleep(float(sys.argv[1]))
         super().destroy_node()
 
-node_base.LEAVE_S = 1
+node_process.LEAVE_S = 1
 """
 
 SIGNAL_AGAIN = """
@@ -37,7 +37,7 @@ sys.setprofile(signal_again)
 """
 """A signal handler sets a threading.Event; a second signal comes while the event is locked."""
 
-LIVE = 'sys.exit(node_base.live(Node, ["nobody"]))'
+LIVE = 'sys.exit(node_process.run_node(Node, ["nobody"]))'
 
 
 def start(*parts: str, hangs_s: float = 0.0) -> subprocess.Popen[bytes]:
