@@ -10,7 +10,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH 
 unexport LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION RMW_IMPLEMENTATION VIRTUAL_ENV
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-tests sweep lint types test test-fast test-full bench format clean python
+.PHONY: help setup setup-tests sweep lint types test test-fast test-full bench docs diagrams format clean python
 
 help:
 	@echo 'make sweep       set up, then run the recorded basin map fig11d (more: make sweep ARGS="--view")'
@@ -18,6 +18,7 @@ help:
 	@echo 'make setup       only the environment, .venv (PYTHON=python3.12 for another Python, UV=no for pip)'
 	@echo 'make test-fast   set up, then lint, types and the fast tests'
 	@echo 'make bench       kernel and graph against peers'
+	@echo 'make docs        these pages and a reference as a site, docs/_build/html'
 	@echo 'make format      put the sources into the house format'
 	@echo 'make clean       remove .venv, builds and caches; runs/ stays'
 
@@ -54,10 +55,19 @@ test: test-fast
 bench: setup-tests
 	$(VENV)/python -m bench $(ARGS)
 
+# Warnings are errors: a page or a docstring that Sphinx does not understand is one that nobody can read.
+docs: setup-tests
+	@$(VENV)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going --builder html docs docs/_build/html
+	@echo 'docs: open docs/_build/html/index.html'
+
+# Needs Graphviz; the pictures are in the repository, so only who changes them needs it.
+diagrams: python
+	@$(PYTHON) tools/diagrams.py
+
 format: setup-tests
 	$(VENV)/ruff check --fix-only .
 	$(VENV)/ruff format .
 
 clean:
-	rm -rf .venv build install log dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build install log dist docs/_build docs/reference/generated *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,8 @@
+"""Benchmarks: ``python -m bench`` measures speed and memory against peers.
+
+It writes docs/benchmarks.md.
+
+kernel, scalar, stk, peak             a cell-step of the kernel, beside a plain loop, STK's `Bowed` and the peak
+graph, standing, processes, memory    what the graph adds, process by process, and whether memory stays flat
+machine, report                       which machine it was, and the table
+"""

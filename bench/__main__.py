@@ -6,7 +6,7 @@ part failed.
 
   python -m bench --json bench.json --page      measure, keep the JSON, write docs/benchmarks.md
   python -m bench --from bench.json --page      write docs/benchmarks.md from an earlier run
-  python -m bench.kills --kills 200             the long storm of kills: not a part of this
+  python tests/stress/kills.py --kills 200             the long storm of kills: not a part of this
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) 
             cpu = {name: seconds - before[name] for name, seconds in cpu_of(processes).items()}
             at = times(read_ledger(Path(result.directory)))
             blocks_s = max(at["done"]) - min(at["dispatched"])
-            one = {"wall_s": wall, "blocks_s": blocks_s, "cpu_s": sum(cpu.values()), "processes": cpu}
+            one: dict[str, Any] = {"wall_s": wall, "blocks_s": blocks_s, "cpu_s": sum(cpu.values()), "processes": cpu}
             runs.append(one | {"bare_kernel": alone, "over_bare": blocks_s / alone["wall_s"]})
             shutil.rmtree(result.directory)
     return middle_of(runs[1:], "over_bare") | {"all_over_bare": sorted(run["over_bare"] for run in runs[1:])}

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.machine import line
-from bench.page import put
+from tools.doc_page import put
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
 HEAD = """# Benchmarks

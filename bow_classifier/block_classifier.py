@@ -1,7 +1,7 @@
-"""The three tests over the chunks of one block, in order: waveforms in, judgements out, the state between carried.
+"""The chunks of one block, one after another: waveforms in, verdicts out; what a chunk leaves to the next is kept.
 
-A chunk is five nominal periods and is the window of the tests: where the actual period is longer, as flattening or
-anomalous low frequencies make it, four slips may end in a window of a perfectly regular motion, and it does not pass.
+A chunk is five nominal periods and is the window of the tests. Where the actual period is longer, through flattening or
+an anomalous low frequency, only four slips may end in a window of a perfectly regular motion; it then does not pass.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_classifier.chunk_pass import Lags, Strings, judge_cells
-from bow_classifier.features.long_periods import reach
-from bow_classifier.features.slips import Intervals, Unfinished, plain, refusal
-from bow_classifier.verdict.decision import Decision, Evidence, limits_of
+from bow_classifier.chunk_pass import BlockState, Chunk, Lags, Result, Setup, Strings, classify_cells
+from bow_classifier.features.long_periods import samples_before
+from bow_classifier.features.slips import Intervals, SlipState, discontinuity
+from bow_classifier.verdict.decision import Decision, Features, Limits
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import Parameters
@@ -24,7 +24,7 @@ from bow_sim.simd.lanes import LANES
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the tests must know of the string.
+    """Period, bow position and chunk length of the strings of a block.
 
     Attributes
     ----------
@@ -32,9 +32,9 @@ class Geometry:
         Nominal period N, samples.
     bow_bridge
         Round trip bow-bridge-bow, samples: one period of the Schelleng ripples. ``beta = bow_bridge / period``.
-        Cells may have their own instead.
+        It can be given for each cell instead.
     samples
-        Of a chunk: whole periods.
+        Length of a chunk: whole periods.
     """
 
     period: int
@@ -43,18 +43,18 @@ class Geometry:
 
     @classmethod
     def of(cls, parameters: Parameters) -> Geometry:
-        """Return the geometry of a string that bow_sim simulates."""
+        """Return the geometry of a simulated string."""
         return cls(parameters.period, parameters.bow_bridge, parameters.chunk_samples)
 
 
-class Judgement(NamedTuple):
+class Verdicts(NamedTuple):
     """The verdicts on the cells of a block after one chunk; the fields of the message Verdicts.
 
     Attributes
     ----------
     correlation
-        (cells,) float32, -1 ... 1: autocorrelation at its best lag near the nominal period; where that is not periodic
-        and a longer lag is, at that one. NaN = no interior maximum.
+        (cells,) float32, -1 ... 1: autocorrelation at its best lag near the nominal period, or at a long
+        lag if only that is above the threshold. NaN = no interior maximum.
     period
         (cells,) float32, samples: that lag; NaN = no interior maximum.
     slips
@@ -64,8 +64,7 @@ class Judgement(NamedTuple):
     regime
         (cells,) uint8: index into `bow_classifier.verdict.regimes.REGIMES`.
     confidence
-        (cells,) float32, 0 ... 1: probability that the regime is named rightly, see
-        `bow_classifier.verdict.confidence`.
+        (cells,) float32, 0 ... 1: probability that the regime is right, see `bow_classifier.verdict.confidence`.
     """
 
     correlation: NDArray[np.float32]
@@ -81,35 +80,34 @@ class Judgement(NamedTuple):
         return is_helmholtz(self.regime)
 
 
-class BlockJudge:
-    """Judges the cells of one block chunk by chunk, from t = 0 on.
+class BlockClassifier:
+    """Classifies the cells of one block chunk by chunk, from t = 0 on.
 
-    A cell's verdicts depend on that cell alone, bit for bit, whatever else is in the block.
+    A cell's verdicts do not depend, in any bit, on the other cells of the block.
 
     Parameters
     ----------
-    geometry
-        Of the string.
-    thresholds
-        Of the tests.
+    geometry : Geometry
+    thresholds : Thresholds
     cells
         Number of cells.
     bow_speed
         Final bow speed v_b, one or (cells,).
     bow_bridge
         Round trip bow-bridge-bow, samples, one or (cells,); None = that of the geometry. The third test needs beta
-        below the threshold *corner*, 0.38: with the bow further away the ramp between two corners exceeds it too.
+        below the threshold *corner*, 0.38: with the bow further from the bridge the ramp between two corners exceeds it
+        too.
 
     Attributes
     ----------
-    evidence, decision
-        What the latest verdicts were made of; None before the first.
+    features, decision
+        What the latest verdicts were computed from; None before the first.
 
     Raises
     ------
     ValueError
-        For a round trip that is no whole number of samples, or not shorter than the period; for a chunk that is not
-        whole periods.
+        If a round trip is not a whole number of samples, or not shorter than the period; if a chunk is not whole
+        periods.
     """
 
     def __init__(
@@ -120,11 +118,11 @@ class BlockJudge:
         bow_speed: ArrayLike = 1.0,
         bow_bridge: ArrayLike | None = None,
     ) -> None:
-        self._geometry, self._thresholds = geometry, thresholds
+        self._geometry = geometry
         v_b = np.broadcast_to(np.asarray(bow_speed, dtype=np.float64), (cells,))
         delay = _delays(geometry, cells, bow_bridge)
         height = v_b * geometry.period / delay
-        self._strings = Strings(
+        strings = Strings(
             delay,
             height,
             corner=thresholds.corner * height,
@@ -133,17 +131,16 @@ class BlockJudge:
             gap=(thresholds.cluster * delay).astype(np.float64),
         )
         self._beta = delay / geometry.period
-        self._lags = Lags(*thresholds.lags(geometry.period), *thresholds.long_lags(geometry.period))
-        if geometry.samples < LANES or geometry.samples % geometry.period or self._lags.first < 1:
+        lags = Lags(*thresholds.lags(geometry.period), *thresholds.long_lags(geometry.period))
+        if geometry.samples < LANES or geometry.samples % geometry.period or lags.first < 1:
             raise ValueError(f"{geometry}: a chunk should be whole periods, of 2 samples at least, and {LANES} in all")
-        self._limits = limits_of(geometry.period, thresholds)
-        start = reach(self._lags.longest)  # farther back than any ripple period, which is less than a period
-        self._history = np.zeros((cells, start), np.float32)
-        self._unfinished = Unfinished.none(cells)
-        self.evidence: Evidence | None = None
+        self._setup = Setup(strings, lags, Limits.of(geometry.period, thresholds))
+        before = samples_before(lags.longest)  # more than any ripple period, which is less than a period
+        self._state = BlockState(np.zeros((cells, before), np.float32), SlipState.at_rest(cells))
+        self.features: Features | None = None
         self.decision: Decision | None = None
 
-    def judge(self, bridge_force: NDArray[np.float32], intervals: Intervals) -> Judgement:
+    def classify(self, bridge_force: NDArray[np.float32], intervals: Intervals) -> Verdicts:
         """Return the verdicts after the next chunk.
 
         Parameters
@@ -156,34 +153,29 @@ class BlockJudge:
         Raises
         ------
         ValueError
-            For arrays of another shape, or slips that do not continue the chunk before; the state is as it was.
+            If an array has another shape, or the slips do not continue the chunk before; the state is then unchanged.
         """
-        window = (len(self._history), self._geometry.samples)
+        window = (len(self._beta), self._geometry.samples)
         if bridge_force.shape != window:
             raise ValueError(f"bridge force {bridge_force.shape}: should be (cells, samples) = {window}")
-        evidence, decision = Evidence.empty(self._beta), Decision.empty(len(self._beta))
-        before, parts = self._unfinished, plain(intervals)
-        wrong = judge_cells(
-            self._history,
-            _readable(bridge_force),
-            parts[0],
-            parts[1:],
-            before,
-            self._strings,
-            self._lags,
-            self._limits,
-            evidence,
-            decision,
-        )
+        result = Result(Features.empty(self._beta), Decision.empty(len(self._beta)))
+        chunk = Chunk(_read_only(bridge_force), intervals.copied())
+        wrong = classify_cells(self._state, chunk, self._setup, result)
         if wrong >= 0:
-            raise refusal(wrong, before.slipping[wrong])
-        self.evidence, self.decision = evidence, decision
-        regime, confidence, _ = decision
-        return Judgement(evidence.correlation, evidence.period, evidence.slips, evidence.corners, regime, confidence)
+            raise discontinuity(wrong, self._state.slips.slipping[wrong])
+        self.features, self.decision = features, decision = result
+        return Verdicts(
+            features.correlation,
+            features.period,
+            features.slips,
+            features.corners,
+            decision.regime,
+            decision.confidence,
+        )
 
 
-def _readable(bridge_force: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the samples as the one type that the tests are compiled for: some are a message's, not to be written."""
+def _read_only(bridge_force: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a read-only view, the one type that the pass is compiled for: arrays of a message are read-only too."""
     view = np.require(bridge_force, np.float32, ["C", "A"]).view()
     view.flags.writeable = False
     return view

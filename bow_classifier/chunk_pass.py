@@ -1,4 +1,8 @@
-"""All tests and the rule over the cells of a block in one pass: a record is read once, and used while it is at hand."""
+"""All features and the decision for the cells of a block, in one pass: each record is read once, while it is in cache.
+
+This is the only compiled function of the classifier that is cached; it contains the functions of
+:mod:`bow_classifier.features` and :mod:`bow_classifier.verdict` that it calls.
+"""
 
 from __future__ import annotations
 
@@ -9,26 +13,26 @@ from numpy.typing import NDArray
 
 from bow_classifier.features.corners import count_corners
 from bow_classifier.features.long_periods import long_workspace, search_row
-from bow_classifier.features.periodicity import judge_eight, workspace
-from bow_classifier.features.ripples import ripple_share
-from bow_classifier.features.slips import NEIGHBOURS, count_slips, wrong_start
-from bow_classifier.verdict.decision import LONG, decide_cell
+from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
+from bow_classifier.features.ripples import ripple_share, ripple_workspace
+from bow_classifier.features.slips import FACTORS, Intervals, SlipState, count_slips, first_discontinuity
+from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_cell
 from bow_classifier.verdict.fingerprint import LEAN, VERSION
-from bow_sim.simd.columns import expect
+from bow_sim.simd.columns import prefetch
 from bow_sim.simd.jit import njit
 from bow_sim.simd.lanes import LANES
 
 FEW = 8
-"""Counts below this may be one a period, to the nearest whole number, in five nominal periods of an actual one."""
+"""In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
 
-_TALLIES = len(NEIGHBOURS) + 1
+_TALLIES = len(FACTORS)
 
 _LINE = 16
-"""Samples in a cache line."""
+"""Samples of float32 in a cache line."""
 
 
 class Strings(NamedTuple):
-    """What the tests must know of every cell; arrays are (cells,).
+    """Ripple period, height and thresholds of every cell; arrays are (cells,).
 
     Attributes
     ----------
@@ -59,6 +63,73 @@ class Lags(NamedTuple):
     longest: int
 
 
+class Setup(NamedTuple):
+    """What stays the same for all chunks of a block."""
+
+    strings: Strings
+    lags: Lags
+    limits: Limits
+
+
+class BlockState(NamedTuple):
+    """What one chunk leaves to the next.
+
+    Attributes
+    ----------
+    history
+        (cells, samples) float32: the bridge force before the next chunk; 0 before t = 0.
+    slips
+        The slips at the border.
+    """
+
+    history: NDArray[np.float32]
+    slips: SlipState
+
+
+class Chunk(NamedTuple):
+    """A chunk of a block: bridge force, (cells, samples) float32, C-contiguous and read-only, and slip intervals."""
+
+    bridge_force: NDArray[np.float32]
+    intervals: Intervals
+
+
+class Result(NamedTuple):
+    """Where the pass writes what it finds."""
+
+    features: Features
+    decision: Decision
+
+
+class _Workspace(NamedTuple):
+    """The arrays that a pass works in: records of eight cells, (8, history + samples) float32, and those of its parts.
+
+    `levels` is (8,) float32, `tally` (8,) float32, `slip_tally` (factors,) int64.
+    """
+
+    rows: Any
+    periodicity: Any
+    maxima: Any
+    slip_tally: Any
+    levels: Any
+    tally: Any
+    long_periods: Any
+    ripples: Any
+
+
+@njit(nogil=True, error_model="numpy")
+def _workspace(samples, history, period, lags):
+    return _Workspace(
+        np.zeros((LANES, history + samples), np.float32),
+        periodicity_workspace(samples, period, lags.first, lags.last),
+        EightMaxima(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
+        np.empty(_TALLIES, np.int64),
+        np.empty(LANES, np.float32),
+        np.empty(LANES, np.float32),
+        long_workspace(samples, period, lags.shortest, lags.longest),
+        ripple_workspace(history + samples),
+    )
+
+
 @njit(**LEAN)
 def _copy(x, out):
     for t in range(out.shape[0]):  # an assignment of slices takes four times as long
@@ -67,7 +138,7 @@ def _copy(x, out):
 
 @njit(**LEAN)
 def _take(i, history, bridge_force, row):
-    """Write the record of cell i to row, what came before the chunk and the chunk; keep its end as history."""
+    """Write the record of cell i to row: its history, then the chunk. Keep the end of the record as history."""
     before, start = history[i], history.shape[1]
     _copy(before, row[:start])
     _copy(bridge_force[i], row[start:])
@@ -75,93 +146,104 @@ def _take(i, history, bridge_force, row):
 
 
 @njit(**LEAN)
-def _expect(array, i):
-    """Have a row of an array fetched while there is other work; a tenth of the time would go on waiting for it."""
+def _prefetch_row(array, i):
+    """Fetch a row of an array into the cache while other work goes on: waiting for it took a tenth of the time."""
     for at in range(i * array.shape[1], (i + 1) * array.shape[1], _LINE):
-        expect(array, at)
+        prefetch(array, at)
 
 
 @njit(**LEAN)
-def _undecided(i, e, limits):
-    """Return where the name hangs on the ripples: no Helmholtz motion, one slip or a flyback cluster a period."""
-    periods, period, _, least, _, _, _, _ = limits
-    if not (e.correlation[i] > least and e.period[i] < LONG * period):
+def _needs_ripple(i, features, limits):
+    """Return whether a rule compares the ripples of cell i: not Helmholtz, but one slip or flyback cluster a period."""
+    if not (features.correlation[i] > limits.correlation and features.period[i] < LONG * limits.period):
         return False
-    slips, corners = e.slips[i], e.corners[i]
-    one = slips < FEW and corners < FEW and (slips != periods or corners != periods)
-    return one or (corners > 2 * periods and e.corner_clusters[i] < FEW)
+    slips, corners = features.slips[i], features.corners[i]
+    one = slips < FEW and corners < FEW and (slips != limits.periods or corners != limits.periods)
+    return one or (corners > 2 * limits.periods and features.corner_clusters[i] < FEW)
 
 
 @njit(**LEAN)
-def _judge_cell(i, row, start, strings, lags, limits, e, room):
-    """Write to the evidence what the third test, the long lags and the ripples say of cell i."""
-    _, period, _, least, silence, _, _, _ = limits
-    levels, tally, long, turns = room
+def _measure_cell(i, row, start, setup, features, workspace):
+    """Write corners, long period and ripples of cell i to the features, which have the first two tests already."""
+    strings, lags, limits = setup
     delay = strings.delay[i]
-    found = count_corners(row, start, delay, strings.corner[i], strings.spread[i], levels, tally)
-    e.corners[i], e.corner_clusters[i], e.sure_corners[i] = found
-    e.loudness[i] /= strings.height[i]
-    if e.slips[i] > 0 and e.loudness[i] >= silence and not e.correlation[i] > least:
-        height, lag = search_row(row, start, int(period), lags.shortest, lags.longest, least, long)
-        if height > least:
-            e.correlation[i], e.period[i] = height, lag
-    e.ripple[i] = ripple_share(row, e.period[i], delay, turns) if _undecided(i, e, limits) else 0.0
+    corners = count_corners(
+        row, start, delay, strings.corner[i], strings.spread[i], workspace.levels, workspace.tally
+    )  # fmt: skip
+    features.corners[i], features.corner_clusters[i], features.sure_corners[i] = corners
+    features.loudness[i] /= strings.height[i]
+    moves = features.slips[i] > 0 and features.loudness[i] >= limits.silence
+    if moves and not features.correlation[i] > limits.correlation:
+        height, lag = search_row(
+            row, start, int(limits.period), lags.shortest, lags.longest, limits.correlation, workspace.long_periods
+        )
+        if height > limits.correlation:
+            features.correlation[i], features.period[i] = height, lag
+    features.ripple[i] = (
+        ripple_share(row, features.period[i], delay, workspace.ripples) if _needs_ripple(i, features, limits) else 0.0
+    )
 
 
 @njit(**LEAN)
-def _judge_all(history, bridge_force, intervals, unfinished, strings, lags, limits, e, decision, room):
-    """Judge all cells, eight at a time."""
-    rows, near, eight, tally, others = room
-    start, cells, samples, period = history.shape[1], history.shape[0], bridge_force.shape[1], int(limits[1])
-    height, lag, deviation = eight
-    slipped = e.slips, e.slip_clusters, e.sure_slips, e.small_slips
+def _classify_all(state, chunk, setup, result, workspace):
+    """Classify all cells, eight at a time."""
+    history, slip_state = state
+    bridge_force, intervals = chunk
+    strings, lags, limits = setup
+    features, decision = result
+    rows, maxima = workspace.rows, workspace.maxima
+    start, cells, samples, period = history.shape[1], history.shape[0], bridge_force.shape[1], int(limits.period)
     for group in range(0, cells, LANES):
-        number = min(LANES, cells - group)  # lanes without a cell go on with whatever there is
+        number = min(LANES, cells - group)  # lanes without a cell compute on old data, which nobody reads
         for lane in range(number):
             _take(group + lane, history, bridge_force, rows[lane])
-        judge_eight(rows, start, period, lags.first, lags.last, near, height, lag, deviation)
+        correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, maxima)
         for lane in range(number):
             i = group + lane
             if i + LANES < cells:
-                _expect(bridge_force, i + LANES)
-                _expect(history, i + LANES)
-            e.correlation[i], e.period[i], e.loudness[i] = height[lane], lag[lane], deviation[lane]
-            count_slips(i, intervals, samples, strings.slip[i], strings.gap[i], unfinished, slipped, tally)
-            _judge_cell(i, rows[lane], start, strings, lags, limits, e, others)
-            decide_cell(i, e, limits, decision)
+                _prefetch_row(bridge_force, i + LANES)
+                _prefetch_row(history, i + LANES)
+            features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
+            features.loudness[i] = maxima.deviation[lane]
+            slips = count_slips(
+                i, intervals, samples, strings.slip[i], strings.gap[i], slip_state, workspace.slip_tally
+            )  # fmt: skip
+            features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
+            _measure_cell(i, rows[lane], start, setup, features, workspace)
+            decide_cell(i, features, limits, decision)
 
 
 def build(version: int) -> Any:
     """Make the compiled pass, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
 
     @njit(nogil=True, cache=True, error_model="numpy")
-    def judge(history, bridge_force, slipping, intervals, unfinished, strings, lags, limits, evidence, decision):
-        wrong = wrong_start(slipping, unfinished)
+    def classify(state, chunk, setup, result):
+        wrong = first_discontinuity(chunk.intervals.slipping, state.slips)
         if wrong >= 0 or version < 0:
             return wrong
-        samples, period = bridge_force.shape[1], int(limits[1])
-        end = history.shape[1] + samples
-        others = (
-            np.empty(LANES, np.float32),
-            np.empty(LANES, np.float32),
-            long_workspace(samples, period, lags.shortest, lags.longest),
-            (np.empty((2, LANES)), np.empty(LANES), np.empty(end)),
-        )
-        room = (
-            np.zeros((LANES, end), np.float32),
-            workspace(samples, period, lags.first, lags.last),
-            (np.empty(LANES), np.empty(LANES), np.empty(LANES)),
-            np.empty(_TALLIES, np.int64),
-            others,
-        )
-        _judge_all(history, bridge_force, intervals, unfinished, strings, lags, limits, evidence, decision, room)
+        workspace = _workspace(
+            chunk.bridge_force.shape[1], state.history.shape[1], int(setup.limits.period), setup.lags
+        )  # fmt: skip
+        _classify_all(state, chunk, setup, result, workspace)
         return wrong
 
-    return judge
+    return classify
 
 
-judge_cells = build(VERSION)
-"""Judge a chunk: write evidence and decision, and to history and `Unfinished` what the chunk leaves to the next one.
+classify_cells = build(VERSION)
+"""Classify the cells of a block after a chunk.
 
-Returns the first cell whose slips do not continue the chunk before, and has then changed nothing; -1 for none.
+Parameters
+----------
+state : BlockState
+    Changed in place to what this chunk leaves to the next.
+chunk : Chunk
+setup : Setup
+result : Result
+    Changed in place.
+
+Returns
+-------
+int
+    The first cell whose slips do not continue the chunk before, when nothing has been changed; -1 for none.
 """

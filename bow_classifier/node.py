@@ -13,7 +13,7 @@ from functools import partial
 
 from bow_msgs.msg import BridgeForce, Health, Plan, StickSlip, Verdicts
 
-from bow_classifier.precompile import warm
+from bow_classifier.precompile import precompile
 from bow_classifier.stream import Classifier
 from bow_sim.graph.node_base import HEARD, STREAM, BowNode, RCLError, live
 from bow_sim.protocol import cdr
@@ -59,7 +59,7 @@ class ClassifierNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("classifier")
-        warm()
+        precompile()
         self._classifier = Classifier(self.incarnation)
         self._outbox: deque[bytes] = deque()
         self._hanging = False
@@ -90,8 +90,8 @@ class ClassifierNode(BowNode):
             self.become(Health.FAILED, classifier.problem)
         elif classifier.task is None:
             self.become(Health.STARTING, "waiting for a plan", run="")
-        elif self.health.run_id != classifier.task.run_id:
-            self.become(Health.STARTING, "a sweep opens", run=classifier.task.run_id)
+        elif self.health.run_id != classifier.task.outline.run_id:
+            self.become(Health.STARTING, "a sweep opens", run=classifier.task.outline.run_id)
             self._look()
         self._note()
 
@@ -108,7 +108,7 @@ class ClassifierNode(BowNode):
         starting, now = self.health.state == Health.STARTING, self.awake.now()
         if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
             self._send([cdr.hello("Verdicts", self.incarnation)])
-        if self.is_heard(READERS, task.run_id) and starting:
+        if self.is_heard(READERS, task.outline.run_id) and starting:
             self.become(Health.READY)
 
     def _on_stream(self, name: str, data: bytes) -> None:

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_classifier.block_classifier import BlockJudge
+from bow_classifier.block_classifier import BlockClassifier
 from bow_classifier.features.slips import Intervals
 from bow_classifier.task import Task
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
-from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.states import BlockState, PlanState
+from bow_sim.protocol.sweep_outline import SweepOutline
 
 FORCE, SLIP = "BridgeForce", "StickSlip"
 """The two halves of a chunk."""
@@ -62,7 +62,7 @@ class _Answer(NamedTuple):
 
 @dataclass
 class _Block:
-    judge: BlockJudge | None
+    classifier: BlockClassifier | None
     waiting: dict[str, dict[int, _Half]] = field(default_factory=lambda: {FORCE: {}, SLIP: {}})
     answers: list[_Answer] = field(default_factory=list)  # by chunk
 
@@ -137,7 +137,7 @@ class Classifier:
         if self._plan[:3] != name:
             self.open(None)
             try:
-                task = Task.from_settings(plan["run_id"], plan["sweep_id"], plan["spec.settings"], plan["rounds"])
+                task = Task.of(SweepOutline.of(plan))
                 if task.thresholds.hash != plan["classifier"]:
                     self.problem = f"the plan wants classifier {plan['classifier']}, this is {task.thresholds.hash}"
                 else:
@@ -146,27 +146,12 @@ class Classifier:
                 self.problem = str(error)
         elif self.task is not None and len(plan["rounds"]):
             try:
-                self.grow(plan["rounds"])
+                self.task = replace(self.task, outline=self.task.outline.grown(plan["rounds"]))
             except ParameterError as error:
                 self.complain(f"plan ignored: {error}")
                 return
         self._plan = (*name, epoch)
         self.settle(np.flatnonzero(plan["block_states"] != BlockState.OUTSTANDING).tolist())
-
-    def grow(self, rounds: np.ndarray) -> None:
-        """Take in the rounds of the sweep in progress, ``Plan.rounds``.
-
-        Raises
-        ------
-        ParameterError
-            Where the blocks that are known are not among them.
-        """
-        assert self.task is not None
-        known = self.task.planned
-        planned = Blocks.announced(known.cells, known.block_cells, rounds)
-        if not planned.extends(known):
-            raise ParameterError(f"its {planned.count} blocks are not the {known.count} known ones and more")
-        self.task = replace(self.task, planned=planned)
 
     def take(self, name: str, data: cdr.Buffer) -> list[bytes]:
         """Take one message of a stream; return the verdicts to publish, in order.
@@ -181,11 +166,11 @@ class Classifier:
         self.counts.messages += 1
         self.counts.bytes += len(data)
         try:
-            values, cells = self._check(name, data)
+            values = self._check(name, data)
             self.senders.add((name, values["incarnation"]))
             block = self._blocks.get(values["block"])
             if block is None:
-                block = self._blocks[values["block"]] = self._new_block(cells)
+                block = self._blocks[values["block"]] = self._new_block(values["block"])
             if values["chunk"] < block.next:
                 return self._answer_again(name, values, block)
             self._hold(name, values, block)
@@ -199,40 +184,27 @@ class Classifier:
         self.counts.ignored += 1
         self.complaints.append(text)
 
-    def _new_block(self, cells: np.ndarray) -> _Block:
+    def _new_block(self, block: int) -> _Block:
         assert self.task is not None
-        speed, bridge = self.task.bow_speed(cells), self.task.bow_bridge(cells)
-        return _Block(BlockJudge(self.task.geometry, self.task.thresholds, len(cells), speed, bridge))
+        return _Block(self.task.block_classifier(block))
 
-    def _check(self, name: str, data: cdr.Buffer) -> tuple[dict[str, Any], np.ndarray]:
-        """Return the fields of a message of this sweep, and the cells of its block.
+    def _check(self, name: str, data: cdr.Buffer) -> dict[str, Any]:
+        """Return the fields of a message of the sweep in progress.
 
         Raises
         ------
         WireError, Refused
-            Where it is not a message of this sweep.
+            Where the message is damaged, or does not belong to this sweep.
         """
         values = cdr.unseal(name, data)
-        seen = cdr.identity(values)
-        where = f"{name} of block {seen.block}, chunk {seen.chunk}"
         if self.task is None:
-            raise Refused(f"{where}: no sweep is open")
-        if (seen.run_id, seen.sweep_id) != (self.task.run_id, self.task.sweep_id):
-            raise Refused(f"{where}: run {seen.run_id!r}, sweep {seen.sweep_id!r} is not the one in progress")
-        if seen.block >= self.task.blocks or seen.chunk >= self.task.chunks:
-            raise Refused(f"{where}: the sweep has {self.task.blocks} blocks of {self.task.chunks} chunks")
-        if seen.block in self._settled:
-            raise Refused(f"{where}: the block is settled")
-        cells = self.task.block(seen.block)
-        if not np.array_equal(values["cells"], cells):
-            raise Refused(f"{where}: its cells are not those of the block, {cells[0]} ... {cells[-1]}")
-        samples = self.task.geometry.samples
-        if (values["samples"], values["first_sample"]) != (samples, seen.chunk * samples):
-            raise Refused(
-                f"{where}: {values['samples']} samples from {values['first_sample']} on, "
-                f"should be {samples} from {seen.chunk * samples} on"
-            )
-        return values, cells
+            reason = "no sweep is open"
+        else:
+            settled = "the block is settled" if values["block"] in self._settled else ""
+            reason = self.task.outline.objection(name, values) or settled
+        if reason:
+            raise Refused(f"{name} of block {values['block']}, chunk {values['chunk']}: {reason}")
+        return values
 
     def _compare(self, name: str, values: Mapping[str, Any], first: int) -> None:
         """Note a duplicate; attempts of a block should give the same bytes."""
@@ -264,13 +236,13 @@ class Classifier:
 
     def _judge_what_is_whole(self, number: int, block: _Block) -> list[bytes]:
         out: list[bytes] = []
-        while block.judge and block.next in block.waiting[FORCE] and block.next in block.waiting[SLIP]:
+        while block.classifier and block.next in block.waiting[FORCE] and block.next in block.waiting[SLIP]:
             force = block.waiting[FORCE][block.next].values
             slip, attempts = block.waiting[SLIP].pop(block.next)
             window = (len(force["cells"]), force["samples"])
             try:
                 intervals = Intervals(*(slip[name] for name in Intervals._fields))
-                judgement = block.judge.judge(force["data"].reshape(window), intervals)
+                judgement = block.classifier.classify(force["data"].reshape(window), intervals)
             except ValueError as error:  # this half is wrong; another attempt may bring a right one
                 self.complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
                 break
@@ -279,24 +251,25 @@ class Classifier:
             block.answers.append(answer)
             self.counts.judged += 1
             out += [_verdicts(answer, attempt) for attempt in attempts]
-            if self.task and block.next == self.task.chunks:
-                block.judge = None
+            if self.task and block.next == self.task.outline.chunks:
+                block.classifier = None
         return out
 
     def _answer(
         self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], judgement: Mapping[str, Any]
     ) -> _Answer:
         assert self.task is not None
+        outline = self.task.outline
         checksums = {FORCE: force["checksum"], SLIP: slip["checksum"]}
         values = {
-            "run_id": self.task.run_id,
-            "sweep_id": self.task.sweep_id,
+            "run_id": outline.run_id,
+            "sweep_id": outline.sweep_id,
             "block": block,
             "chunk": chunk,
             "incarnation": self.incarnation,
             "chunk_checksum": cdr.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
             "classifier": self.task.thresholds.hash,
-            "cells": self.task.block(block),
+            "cells": outline.block(block),
             **judgement,
         }
         return _Answer(checksums, values)

@@ -10,6 +10,7 @@ protocol           what the nodes say to each other
 graph              what every process of the graph shares
 figures            the paper's figures of one string
 atomic_files       files that appear whole or not at all
+config_files       where presets, campaigns and profiles are
 block_request      a block to compute, as the coordinator asks for it
 node               the simulator node
 """

@@ -1,7 +1,9 @@
-"""Entry points of the executables: a signal that comes while Python still imports ends them without a traceback.
+"""Entry points of the executables. A signal during the imports ends them without a traceback.
 
 `ros2 launch` sends SIGINT to all processes as soon as one of them ends the launch, which may be in the first second of
-the others. The modules of a node or of the command take that long to import, so they are imported in here.
+the others. The modules of a node or of the command take that long to import, so they are imported in :func:`command`,
+after handlers are installed. A signal before that, while Python itself starts (less than 0.1 s), still gets Python's
+own answer: nothing in a package can be run earlier.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import signal
 import sys
 from functools import partial
 
+from bow_sweep.processes.exit_status import DONE, INTERRUPTED
 from bow_sweep.processes.roles import MODULES
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -19,32 +22,35 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 MAIN = "bow_sweep.cli.main"
 """Module whose main() is the command."""
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C."""
+_INTERRUPTED_TEXT = b"bow: interrupted\n"
 
 
 def command() -> int:
-    """Entry point of the command `bow`; a node that is told to stop while it starts ends as it does later."""
+    """Run the command `bow`; return its exit status. A node that is interrupted while it starts ends with `DONE`."""
     is_node = sys.argv[1:2] and sys.argv[1] in MODULES
-    status, last_word = (0, b"") if is_node else (INTERRUPTED, b"bow: interrupted\n")
+    status, text = (DONE, b"") if is_node else (INTERRUPTED, _INTERRUPTED_TEXT)
 
     def end(_number: int, _frame: object) -> None:
-        os.write(2, last_word)
-        os._exit(status)  # nothing is open yet, and an exception may be caught by what imports
+        os.write(2, text)
+        os._exit(status)  # no file is open yet, and an exception might be caught by a module that imports others
 
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:
             signal.signal(number, end)
     environment = importlib.import_module("bow_sim.graph.environment")
-    environment.prepare()  # before anything is imported that depends on it
+    environment.prepare()  # before modules are imported that depend on it
     main = importlib.import_module(MAIN).main
-    if not is_node:  # a node's own handlers take over from these
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    result: int = main()
+    try:
+        if not is_node:  # a node installs its own handlers
+            for number, handler in before.items():
+                signal.signal(number, handler)
+        result: int = main()
+    except KeyboardInterrupt:
+        os.write(2, _INTERRUPTED_TEXT)
+        return INTERRUPTED
     gc = importlib.import_module("gc")
-    gc.freeze()  # the process ends: a last collection of garbage would take a fifth of a second
+    gc.freeze()  # a last garbage collection at the exit would take a fifth of a second
     return result
 
 

@@ -45,6 +45,12 @@ def test_a_launch_file_compiles(file: Path, tmp_path: Path) -> None:
     py_compile.compile(str(file), cfile=str(tmp_path / "compiled"), doraise=True)
 
 
+def test_the_arguments_are_read_without_our_requirements() -> None:
+    """`ros2 launch` runs in the system's Python, which may lack what a virtual environment has."""
+    program = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import bow_sweep.processes.launch_arguments"
+    subprocess.run([sys.executable, "-I", "-S", "-c", program], check=True)
+
+
 def test_a_sweep_is_one_node_of_each_kind_and_a_simulator_per_core() -> None:
     graph = nodes(launched("sweep.launch.py"))
     simulators = {f"simulator_{i + 1}" for i in range(len(os.sched_getaffinity(0)))}

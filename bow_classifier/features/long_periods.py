@@ -1,47 +1,88 @@
-"""Periods longer than the nominal one: what repeats after two or three periods only, or at an anomalous low frequency.
+"""Long periods: motion that repeats only after two or three nominal periods, or at an anomalous low frequency.
 
-The first test looks for the period near the nominal one (:mod:`bow_classifier.features.periodicity`). Where it fails,
-this looks on, at lags up to three nominal periods: first in averages of eight samples, which costs little, then in the
-samples themselves around the shortest lag that looked as good as any.
+The first test searches for a period near the nominal one (:mod:`bow_classifier.features.periodicity`). Where it finds
+none, lags up to three nominal periods are searched here: first a coarse search in averages of eight samples, which
+costs little, then a fine one in the samples, around the shortest lag whose coarse maximum is as high as any.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bow_classifier.features.periodicity import CONSTANT
-from bow_classifier.verdict.fingerprint import LEAN, VERSION
+from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
 from bow_sim.simd.columns import columns
 from bow_sim.simd.jit import njit
 from bow_sim.simd.lanes import LANES, choose, root
 
-load: Any = lanes.load  # intrinsics are called without the first argument that their types ask for
+load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
 store: Any = lanes.store
 
 COARSE = 8
-"""Samples averaged in the first look: it costs a sixty-fourth, and the second look finds its errors."""
+"""Samples averaged for the coarse search: it costs a sixty-fourth, and the fine search corrects its errors."""
 
 BESIDE = 10
-"""Samples searched on either side of what the first look found: it is right within `COARSE`, and maxima have sides."""
+"""Lags of the fine search on either side of a coarse maximum, which is right within `COARSE`."""
 
 SLACK = 0.08
-"""How far below the threshold a correlation of averages may lie and still be looked at."""
+"""A coarse maximum may lie this far below the threshold and still be searched finely."""
 
 SHORTER = 0.1
-"""How far below the highest maximum of averages one at a shorter lag may lie and still be looked at."""
+"""A coarse maximum at a shorter lag may lie this far below the highest one and still be searched finely."""
 
 EQUAL = 0.02
-"""A shorter lag counts as good as the best when its correlation falls short by less."""
+"""A shorter lag is preferred to the best one if its correlation is less by no more than this."""
+
+
+class Sums(NamedTuple):
+    """Sums over one window at each lag, from the last lag to the first; arrays are (lags,) float64 or longer.
+
+    Attributes
+    ----------
+    products
+        Of the samples and those a lag earlier.
+    totals, squares
+        Of the samples a lag earlier, and of their squares.
+    """
+
+    products: Any
+    totals: Any
+    squares: Any
+
+
+class Workspace(NamedTuple):
+    """The arrays that `search_row` works in, float64.
+
+    Attributes
+    ----------
+    averages
+        Bridge force, averages of `COARSE` samples.
+    coarse_sums, coarse
+        `Sums` and correlations of the coarse search.
+    x
+        Bridge force around the window.
+    fine_sums, fine
+        `Sums` and correlations of the fine search.
+    eight
+        (64,).
+    """
+
+    averages: Any
+    coarse_sums: Any
+    coarse: Any
+    x: Any
+    fine_sums: Any
+    fine: Any
+    eight: Any
 
 
 @njit(**LEAN)
 def _moments(x, begin, n, eight):
-    """Return the sums of x and of x squared over n samples; `eight` is room for eight lanes."""
+    """Return the sums of x and of x squared over n samples; `eight` is workspace, (8,)."""
     s, q = spread(0.0), spread(0.0)
     whole = begin + n // LANES * LANES
     for t in range(begin, whole, LANES):
@@ -61,8 +102,7 @@ def _moments(x, begin, n, eight):
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
 
-    The samples are counted from 0: of indices that cannot be negative Numba need not find out whether they are, which
-    took half of the time.
+    The slice y makes the indices start at 0: Numba then need not test for negative ones, which took half of the time.
     """
     y = x[begin : begin + n]
     for i in range(0, products.shape[0], LANES):
@@ -82,7 +122,7 @@ def _products(x, begin, n, lag, products):
 def _slide(x, begin, n, first, last, total, square, totals, squares):
     """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
 
-    `total` and `square` are those of lag n; at other lags they follow sample by sample.
+    `total` and `square` are those at lag n; the others are updated sample by sample.
     """
     up, up_square = total, square
     for lag in range(n, last + 1):
@@ -112,8 +152,8 @@ def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth
 def _correlations(x, start, windows, n, first, last, sums, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
-    They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
-    the window before, whose sums are known.
+    They are averages over the windows of n samples; NaN where a window is constant. At a lag of n the earlier window is
+    the one before, whose sums are known.
     """
     products, totals, squares = sums
     r[:] = 0.0
@@ -156,10 +196,10 @@ def _best_maximum(r):
 
 @njit(**LEAN)
 def _averages(row, averages, eight):
-    """Write the averages of eight samples each, the last ones at the end of the record; `eight` is room for 8 x 8."""
+    """Write averages of `COARSE` samples each, the last one at the end of the record; `eight` is workspace, (64,)."""
     count = averages.shape[0]
     part = row[row.shape[0] - COARSE * count :]
-    level = np.float64(row[row.shape[0] - 1])  # near the mean: the sums then cancel less
+    level = np.float64(row[row.shape[0] - 1])  # near the mean, so that less is lost by cancellation in the sums
     for k in range(0, count - LANES + 1, LANES):
         columns(part, COARSE * k, COARSE, spread(level), eight, 0)
         a, b, c, d = load(eight, 0), load(eight, LANES), load(eight, 2 * LANES), load(eight, 3 * LANES)
@@ -176,7 +216,7 @@ def _averages(row, averages, eight):
 def _coarse(y, n, first, last, sums, r):
     """Write the correlations of the last n of y with those a lag earlier to r[last - lag], lags first ... last."""
     products, totals, squares = sums
-    begin = y.shape[0] - r.shape[0] - n  # y has a margin at its end: wide loads go beyond what is asked
+    begin = y.shape[0] - r.shape[0] - n  # y has a margin at its end, as loads of eight read beyond the last lag
     _products(y, begin, n, last, products)
     total, square = 0.0, 0.0
     for t in range(begin, begin + n):
@@ -204,7 +244,7 @@ def _is_maximum(r, i):
 
 @njit(**LEAN)
 def _within(lag, shortest, longest):
-    """Return the middle, in samples, of the search around a lag in averages."""
+    """Return the middle, in samples, of the fine search around a lag of the coarse one."""
     return min(max(COARSE * lag, shortest), longest)
 
 
@@ -229,21 +269,45 @@ def _fine(x, samples, period, middle, sums, f):
 
 @njit(nogil=True, error_model="numpy")
 def long_workspace(samples, period, shortest, longest):
-    """Return the arrays that `search_row` works in: averages and their correlations, samples and theirs."""
+    """Return the workspace for windows of `samples` and the lags shortest ... longest, both samples."""
     n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
     wide = -(-(high - low + 1) // LANES) * LANES
     width = -(-(2 * BESIDE + 1) // LANES) * LANES
     before = longest + BESIDE + 1
-    slide = max(width, before - period + 1)  # the sums slide from one period to the longest lag
-    y, coarse = np.zeros(n + high + 1 + wide), (np.zeros(wide), np.zeros(wide), np.zeros(wide))
-    x, sums = np.zeros(before + samples + width), (np.zeros(width), np.zeros(slide), np.zeros(slide))
-    return y, coarse, np.empty(wide), x, sums, np.empty(width), np.empty(COARSE * LANES)
+    slide = max(width, before - period + 1)  # the sums are updated from one period to the longest lag
+    return Workspace(
+        np.zeros(n + high + 1 + wide),
+        Sums(np.zeros(wide), np.zeros(wide), np.zeros(wide)),
+        np.empty(wide),
+        np.zeros(before + samples + width),
+        Sums(np.zeros(width), np.zeros(slide), np.zeros(slide)),
+        np.empty(width),
+        np.empty(COARSE * LANES),
+    )
 
 
 @njit(**LEAN)
-def search_row(row, start, period, shortest, longest, least, work):
-    """Return height and lag of what repeats after a long lag in one cell; NaN where nothing does above `least`."""
-    y, coarse, r, x, sums, f, eight = work
+def search_row(row, start, period, shortest, longest, least, workspace):
+    """Return height and lag of the shortest of the best long lags of one cell; NaN where none is above `least`.
+
+    The height is the correlation of the first test: the mean over the last five nominal periods, each with the same
+    samples a lag earlier, at the interior maximum of the quadratic through three neighbouring lags.
+
+    Parameters
+    ----------
+    row : ndarray of float32, shape (start + samples,)
+        Bridge force; the window, whole periods, begins at `start`.
+    start : int
+        Samples before the window, `samples_before` of `longest` or more.
+    period : int
+        Nominal period, samples.
+    shortest, longest : int
+        Lags, samples; both are longer than the period.
+    least : float
+        Threshold of the correlation.
+    workspace : Workspace
+    """
+    y, coarse, r, x, sums, f, eight = workspace
     samples = row.shape[0] - start
     n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
     lags, before = high - low + 1, longest + BESIDE + 1
@@ -256,7 +320,7 @@ def search_row(row, start, period, shortest, longest, least, work):
     for t in range(part.shape[0]):
         x[t] = np.float64(part[t]) - level
     height, lag = _fine(x, samples, period, _within(high - best, shortest, longest), sums, f)
-    for k in range(lags - 2, best, -1):  # what repeats after a lag repeats after its multiples, too
+    for k in range(lags - 2, best, -1):  # motion that repeats after a lag repeats after its multiples, too
         if r[k] > r[best] - SHORTER and _is_maximum(r, k):
             other, at = _fine(x, samples, period, _within(high - k, shortest, longest), sums, f)
             if other > least and not other < height - EQUAL:
@@ -265,72 +329,6 @@ def search_row(row, start, period, shortest, longest, least, work):
     return (height, lag) if height > least else (np.nan, np.nan)
 
 
-def build(version: int) -> Any:
-    """Make the compiled search, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
-
-    @njit(nogil=True, cache=True, error_model="numpy")
-    def search(record, start, period, shortest, longest, least, wanted, correlation, place):
-        work = long_workspace(record.shape[1] - start, period, shortest, longest)
-        for i in range(record.shape[0]):
-            if wanted[i]:
-                height, lag = search_row(record[i], start, period, shortest, longest, least, work)
-                if height > least:
-                    correlation[i], place[i] = height, lag
-        return version
-
-    return search
-
-
-_search = build(VERSION)
-
-
-def reach(longest: int) -> int:
-    """Return how many samples must precede the window for lags up to `longest`."""
+def samples_before(longest: int) -> int:
+    """Return how many samples must precede the window for lags up to `longest` samples."""
     return -(-longest // COARSE) * COARSE + 2 * COARSE + BESIDE + 1
-
-
-def long_periods(
-    record: NDArray[np.float32],
-    start: int,
-    period: int,
-    lags: tuple[int, int],
-    least: float,
-    wanted: NDArray[np.bool_],
-    correlation: NDArray[np.float32],
-    place: NDArray[np.float32],
-) -> None:
-    """Replace correlation and period of the wanted cells that repeat after a long lag by those of that lag.
-
-    The correlation is that of the first test: the mean over the last five nominal periods, each with the same samples a
-    lag earlier, at the interior maximum of the quadratic through three neighbouring lags.
-
-    Parameters
-    ----------
-    record
-        (cells, start + samples) bridge force; the window, whole periods, is ``record[:, start:]``.
-    start
-        Samples before the window, `reach` of the longest lag or more.
-    period
-        Nominal period, samples.
-    lags
-        Shortest and longest lag, samples; the shortest is longer than the period.
-    least
-        Correlation that counts as periodic; what stays below changes nothing.
-    wanted
-        (cells,) where to look.
-    correlation, place
-        (cells,) results of the first test; changed in place. Place in samples.
-
-    Raises
-    ------
-    ValueError
-        Where the record does not reach far enough back, or the lags are not beyond the period.
-    """
-    shortest, longest = lags
-    samples = record.shape[1] - start
-    if not period < shortest < longest or start < reach(longest) or samples <= 0 or samples % period:
-        raise ValueError(
-            f"record {record.shape} with the window from {start}: lags {shortest} ... {longest} should lie beyond the "
-            f"period {period}, the window should hold whole periods, and {reach(longest)} samples should precede it"
-        )
-    _search(np.ascontiguousarray(record), start, period, shortest, longest, least, wanted, correlation, place)

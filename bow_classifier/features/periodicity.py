@@ -1,8 +1,9 @@
 """The first test: is the bridge force periodic, and with which period (section III.B, PHYSICS.md section 7).
 
 For each integer lag around the nominal period, the Pearson correlation of each of the last five periods with the same
-window one lag earlier, averaged over the five; then the quadratic through three neighbouring lags at each interior
-local maximum. The largest counts; its place is the period. Eight cells at a time, each in a lane of its own.
+window one lag earlier, averaged over the five; then, at each interior local maximum, the quadratic through three
+neighbouring lags. The largest maximum is the result; its place is the period. Eight cells are computed at a time, each
+in its own lane.
 """
 
 from __future__ import annotations
@@ -10,51 +11,71 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bow_classifier.verdict.fingerprint import LEAN, VERSION
+from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
 from bow_sim.simd.columns import columns
 from bow_sim.simd.jit import njit
 from bow_sim.simd.lanes import LANES, choose, root
 
-load: Any = lanes.load  # intrinsics are called without the first argument that their types ask for
+load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
 store: Any = lanes.store
 mask_of: Any = lanes.mask_of
 
 CONSTANT = 1e-13
-"""A window whose variation is this part of its sum of squares is constant: rounding in float64 leaves less."""
+"""A window is constant if its variation is no more than this share of its sum of squares: rounding makes as much."""
 
 _STEP = 4
-"""Lags, and samples, whose products are summed together: a sample once read is then used for several of them."""
+"""Lags, and samples, whose products are summed together, so that each sample is read once for several of them."""
 
 
-class Periodicity(NamedTuple):
-    """What the first test says of the cells of a block.
+class Workspace(NamedTuple):
+    """The arrays that `correlate_eight` works in, float64; rows of eight cells are stored one after another.
 
     Attributes
     ----------
-    correlation
-        (cells,) float32, -1 ... 1: the largest interior maximum; NaN where there is none.
-    period
-        (cells,) float32, samples: its place; NaN where there is none.
-    deviation
-        (cells,) float64, units of the bridge force: r.m.s. deviation from the mean over the whole window.
+    x
+        (samples * 8,): the bridge force, less a sample of each row.
+    level
+        (8,): that sample.
+    products
+        (lags * 8,): sums of products at each lag, for a number of lags rounded up.
+    correlations
+        (lags * 8,): at the lags from the last to the first.
     """
 
-    correlation: NDArray[np.float32]
-    period: NDArray[np.float32]
-    deviation: NDArray[np.float64]
+    x: Any
+    level: Any
+    products: Any
+    correlations: Any
+
+
+class EightMaxima(NamedTuple):
+    """The result of the first test for eight cells; arrays are (8,) float64.
+
+    Attributes
+    ----------
+    height
+        -1 ... 1: the correlation at its largest interior maximum; NaN where there is none.
+    lag
+        Samples: its place; NaN where there is none.
+    deviation
+        Units of the bridge force: r.m.s. deviation from the mean over the whole window.
+    """
+
+    height: Any
+    lag: Any
+    deviation: Any
 
 
 @njit(nogil=True, error_model="numpy")
-def workspace(samples, period, first, last):
-    """Return the arrays that `judge_eight` works in: samples, one row of eight, products, correlations."""
+def periodicity_workspace(samples, period, first, last):
+    """Return the workspace for windows of `samples` and the lags first ... last, both samples."""
     lags = -(-(last - first + 1) // _STEP) * _STEP
     before = last + 1  # the sums slide one sample beyond the last lag
     x = np.zeros((before + samples + _STEP) * LANES)
-    return x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES)
+    return Workspace(x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES))
 
 
 @njit(**LEAN)
@@ -65,7 +86,7 @@ def _take(rows, begin, start, x, level):
         level[row] = np.float64(rows[row, start])  # near the mean: the sums then cancel less
     less = load(level, 0)
     for t in range(begin, end, LANES):
-        at = min(t, end - LANES)  # the last group goes back over samples that are already there
+        at = min(t, end - LANES)  # the last group overlaps the one before
         columns(rows, at, end, less, x, (at - begin) * LANES)
 
 
@@ -128,8 +149,8 @@ def _add_coefficient(products, at, mean, variation, total, square, floor, one_nt
 def _correlations(x, start, windows, n, first, last, products, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
-    They are averages over the windows of n samples; NaN where a window is constant. The window one period earlier is
-    the window before, whose sums are known; at other lags they follow sample by sample.
+    They are averages over the windows of n samples; NaN where a window is constant. At a lag of n the earlier window is
+    the one before, whose sums are known; at the other lags they are updated sample by sample.
     """
     r[:] = 0.0
     one_nth = 1.0 / n
@@ -170,7 +191,7 @@ def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = spread(-np.inf), spread(np.nan)
     above = load(r, r.shape[0] - LANES)
-    falls = mask_of(np.uint8(0))  # where what follows is, after equal ones, lower: a flat top falls on its far side
+    falls = mask_of(np.uint8(0))  # r falls after this place, perhaps after equal values: a flat top is a maximum too
     for i in range(r.shape[0] // LANES - 2, 0, -1):
         here, below = load(r, i * LANES), load(r, (i - 1) * LANES)
         falls = (above < here) | ((above <= here) & (above >= here) & falls)
@@ -185,74 +206,31 @@ def _best_maximum(r):
 
 
 @njit(**LEAN)
-def judge_eight(rows, start, period, first, last, work, height, lag, deviation):
-    """Write height and lag of the best maximum, and the r.m.s. deviation, of eight rows to arrays of eight."""
-    x, level, products, r = work
+def correlate_eight(rows, start, period, first, last, workspace, result):
+    """Write the result of the first test for eight cells to `result`.
+
+    Parameters
+    ----------
+    rows : ndarray of float32, shape (8, start + samples)
+        Bridge force (0 before t = 0: windows that are constant have no correlation); the window, whole periods and 8
+        samples or more, begins at `start`.
+    start : int
+        Samples before the window, more than `last`.
+    period : int
+        Nominal period, samples: the length of each correlated window.
+    first, last : int
+        Lags searched, samples, both included; the nominal period lies between them.
+    workspace : Workspace
+    result : EightMaxima
+        Changed in place.
+    """
+    x, level, products, r = workspace
     samples = rows.shape[1] - start
     before = last + 1
     _take(rows, start - before, start, x, level)
     total, square = _correlations(x, before, samples // period, period, first, last, products, r)
     best, place = _best_maximum(r)
-    store(height, 0, best)
-    store(lag, 0, -place + np.float64(last))
+    store(result.height, 0, best)
+    store(result.lag, 0, -place + np.float64(last))
     variance = (square - total * total / samples) / samples
-    store(deviation, 0, root(choose(variance > 0.0, variance, 0.0)))
-
-
-def build(version: int) -> Any:
-    """Make the compiled test, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
-
-    @njit(nogil=True, cache=True, error_model="numpy")
-    def test(record, start, period, first, last, correlation, place, deviation):
-        cells, end = record.shape
-        work = workspace(end - start, period, first, last)
-        rows = np.empty((LANES, end), np.float32)
-        eight = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-        for group in range(0, cells, LANES):
-            for lane in range(LANES):
-                i = min(group + lane, cells - 1)
-                for t in range(end):
-                    rows[lane, t] = record[i, t]
-            judge_eight(rows, start, period, first, last, work, *eight)
-            for i in range(group, min(group + LANES, cells)):
-                correlation[i], place[i], deviation[i] = eight[0][i - group], eight[1][i - group], eight[2][i - group]
-        return version
-
-    return test
-
-
-_periodicity = build(VERSION)
-
-
-def periodicity(record: NDArray[np.float32], start: int, period: int, lags: tuple[int, int]) -> Periodicity:
-    """Return correlation, period and loudness of every cell over the last five periods.
-
-    Parameters
-    ----------
-    record
-        (cells, start + 5 * period) bridge force; the window is ``record[:, start:]``, what precedes it came before
-        (0 before t = 0: windows that are constant have no correlation, so the first five periods seldom have one).
-    start
-        Samples before the window, more than the longest lag.
-    period
-        Nominal period in samples: length of each correlated window.
-    lags
-        First and last lag, samples, both included; the nominal period lies between them.
-
-    Raises
-    ------
-    ValueError
-        Where the record is too short, or the lags do not enclose the period.
-    """
-    first, last = lags
-    samples = record.shape[1] - start
-    if not 0 < first < period < last < start or samples < LANES or samples % period:
-        raise ValueError(
-            f"record {record.shape} with the window from {start}: lags {first} ... {last} should enclose the period "
-            f"{period}, the window should hold whole periods, {LANES} samples or more, and more than {last} samples "
-            "should precede it"
-        )
-    cells = record.shape[0]
-    result = Periodicity(np.empty(cells, np.float32), np.empty(cells, np.float32), np.empty(cells))
-    _periodicity(np.ascontiguousarray(record), start, period, first, last, *result)
-    return result
+    store(result.deviation, 0, root(choose(variance > 0.0, variance, 0.0)))

@@ -1,33 +1,56 @@
 """Schelleng ripples as lines of the bridge force's spectrum (S-motion, PHYSICS.md section 9).
 
-S-motion is Helmholtz motion whose ripples, of the period bow-bridge-bow, have grown into a standing wave nearly as
-large as the sawtooth: the harmonics of the string's period around 1/beta are then as strong as its first ones.
+S-motion is Helmholtz motion whose ripples, with the period bow-bridge-bow, have grown into a standing wave nearly as
+large as the sawtooth: the harmonics of the string's period around 1/beta are then as strong as the first ones.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bow_classifier.verdict.fingerprint import LEAN, VERSION
+from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
 from bow_sim.simd.jit import njit
 from bow_sim.simd.lanes import LANES
 
-load: Any = lanes.load  # intrinsics are called without the first argument that their types ask for
+load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
 store: Any = lanes.store
 
 BAND = 0.25
-"""Harmonics this far, in parts of it, from 1/beta are those of the ripples."""
+"""Harmonics within this share of 1/beta around 1/beta are those of the ripples."""
+
+
+class Workspace(NamedTuple):
+    """The arrays that `ripple_share` works in.
+
+    Attributes
+    ----------
+    turn
+        (2, 8) float64: cosine and sine of one sample's phase, for eight harmonics.
+    power
+        (8,) float64: their power.
+    x
+        (samples,) float64: one period less its mean.
+    """
+
+    turn: Any
+    power: Any
+    x: Any
+
+
+@njit(nogil=True, error_model="numpy")
+def ripple_workspace(samples):
+    """Return the workspace for records of `samples`."""
+    return Workspace(np.empty((2, LANES)), np.empty(LANES), np.empty(samples))
 
 
 @njit(**LEAN)
 def _powers(x, n, first, turn, power):
-    """Write the power of eight harmonics of the n samples of x, `first` and on, to power, (LANES,)."""
+    """Write the power of eight harmonics of the n samples of x, from number `first` on, to power."""
     for k in range(LANES):
         angle = 2.0 * math.pi * (first + k) / n
         turn[0, k], turn[1, k] = math.cos(angle), math.sin(angle)
@@ -41,9 +64,26 @@ def _powers(x, n, first, turn, power):
 
 
 @njit(**LEAN)
-def ripple_share(row, period, delay, work):
-    """Return what `ripple` says of one cell; `work` is room for turns, (2, LANES), powers, (LANES,), and samples."""
-    turn, power, x = work
+def ripple_share(row, period, delay, workspace):
+    """Return how strong the lines of the ripples are in the last period of the bridge force.
+
+    Parameters
+    ----------
+    row : ndarray of float32, shape (samples,)
+        Bridge force, one period or more.
+    period : float
+        Samples; rounded to a whole number.
+    delay : int
+        Ripple period, samples: round trip bow-bridge-bow.
+    workspace : Workspace
+
+    Returns
+    -------
+    float
+        Amplitude of the strongest harmonic near 1/beta (above the second harmonic) over that of the stronger of the
+        first two; inf where these are zero. A pure sawtooth has beta, about 0.1.
+    """
+    turn, power, x = workspace
     end = row.shape[0]
     n = round(period)
     mean = 0.0
@@ -64,46 +104,3 @@ def ripple_share(row, period, delay, work):
     if not high > 0.0:
         return 0.0
     return math.sqrt(high / low) if low > 0.0 else np.inf
-
-
-def build(version: int) -> Any:
-    """Make the compiled sums, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
-
-    @njit(nogil=True, cache=True, error_model="numpy")
-    def lines(record, period, delay, wanted, share):
-        work = np.empty((2, LANES)), np.empty(LANES), np.empty(record.shape[1])
-        for i in range(record.shape[0]):
-            share[i] = ripple_share(record[i], period[i], delay[i], work) if wanted[i] else 0.0
-        return version
-
-    return lines
-
-
-_lines = build(VERSION)
-
-
-def ripple(
-    record: NDArray[np.float32], period: NDArray[np.float32], delay: NDArray[np.int64], wanted: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Return how strong the lines of the ripples are in the last period of the bridge force.
-
-    Parameters
-    ----------
-    record
-        (cells, samples) bridge force, one period at least.
-    period
-        (cells,) samples; taken to the nearest whole one.
-    delay
-        (cells,) ripple period, samples: round trip bow-bridge-bow.
-    wanted
-        (cells,) where to look; the others get 0. Their periods are numbers no longer than the record.
-
-    Returns
-    -------
-    share
-        (cells,) amplitude of the strongest harmonic within a quarter of 1/beta (and above the second), over that of the
-        stronger of the first two; inf where these are nothing. A bare sawtooth has beta, about 0.1.
-    """
-    share = np.empty(len(record))
-    _lines(np.ascontiguousarray(record), period, delay, wanted, share)
-    return share

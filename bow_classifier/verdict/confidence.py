@@ -1,8 +1,8 @@
-"""How sure a verdict is: the margins of its tests, turned into a probability that the name is right.
+"""The confidence in a verdict: the probability that the regime is right, from how far the cell is from the thresholds.
 
-A logistic curve over six margins, one row of coefficients for each regime. They were fitted to records with known
-truth by ``python -m bench.verdicts --fit`` (docs/verdicts.md says how well they hold on others), with no coefficient of
-a margin below zero: whoever is further from a threshold is not trusted less.
+A logistic function of six margins, with one row of coefficients for each regime. ``python -m studies.verdicts --fit``
+fitted the coefficients to records whose regime is known; docs/verdicts.md shows how well they predict other records.
+No coefficient of a margin is negative: the confidence never falls with the distance from a threshold.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from bow_sim.simd.jit import njit
 MARGINS = ("constant", "correlation", "slips", "corners", "slips whole", "corners whole", "loudness")
 """What the columns of `COEFFICIENTS` multiply:
 
-- correlation: how far from the threshold, as the logarithm of the ratio of what is missing to 1, at most 3; where there
-  is no maximum, 3: there is nothing to argue with
-- slips, corners: share of neighbouring thresholds (0.8 ... 1.2 times) under which they count the same
+- correlation: distance from the threshold: the logarithm of ``(1 - correlation)/(1 - threshold)`` without its sign, at
+  most 3; 3 where there is no maximum, as the cell is then clearly not periodic
+- slips, corners: share of neighbouring thresholds (0.8 ... 1.2 times) under which the count is the same
 - slips whole, corners whole: 1 where their number a period is whole, 0 where it lies half way between two
-- loudness: logarithm of the ratio of the bridge force's r.m.s. to the threshold of silence, either way, at most 3
+- loudness: the logarithm of the r.m.s. bridge force over the threshold *silence* without its sign, at most 3
 """
 
 COEFFICIENTS = np.array(
@@ -46,31 +46,45 @@ _SMALL = 1e-3
 
 @njit(**LEAN)
 def _whole(number):
+    """Return how near a number is to a whole one: 1 for a whole one, 0 half way between two."""
     return 1.0 - 2.0 * abs(number - round(number))
 
 
 @njit(**LEAN)
-def _ratio(a, b):
-    """Return how far apart two amounts are: the logarithm of their ratio without its sign, at most `_FAR`."""
+def _log_ratio(a, b):
+    """Return the logarithm of the ratio of two amounts without its sign, at most `_FAR`."""
     return min(_FAR, abs(math.log((a + _SMALL) / (b + _SMALL))))
 
 
 @njit(**LEAN)
-def margins(correlation, slips, corners, sure_slips, sure_corners, loudness, least, silence, out):
-    """Write the margins of one cell to out, (margins,); slips and corners are numbers a period."""
+def margins(i, features, per_period, limits, out):
+    """Write the margins of cell i to `out`.
+
+    Parameters
+    ----------
+    i : int
+        The cell.
+    features : Features
+    per_period : float
+        Turns a count in the window into a count a period.
+    limits : Limits
+    out : ndarray of float64, shape (margins,)
+        In the order of `MARGINS`.
+    """
+    correlation = features.correlation[i]
     r = min(1.0, max(-1.0, correlation))
     out[0] = 1.0
-    out[1] = _ratio(1.0 - r, 1.0 - least) if abs(correlation) <= 2.0 else _FAR
-    out[2] = sure_slips
-    out[3] = sure_corners
-    out[4] = _whole(slips)
-    out[5] = _whole(corners)
-    out[6] = _ratio(loudness, silence)
+    out[1] = _log_ratio(1.0 - r, 1.0 - limits.correlation) if abs(correlation) <= 2.0 else _FAR  # NaN: no maximum
+    out[2] = features.sure_slips[i]
+    out[3] = features.sure_corners[i]
+    out[4] = _whole(features.slips[i] * per_period)
+    out[5] = _whole(features.corners[i] * per_period)
+    out[6] = _log_ratio(features.loudness[i], limits.silence)
 
 
 @njit(**LEAN)
 def probability(coefficients, row):
-    """Return the logistic of the weighted margins, 0 ... 1."""
+    """Return the logistic function of the weighted margins, 0 ... 1; both arguments are (margins,)."""
     total = 0.0
     for k in range(row.shape[0]):
         total += coefficients[k] * row[k]

@@ -1,18 +1,19 @@
-"""The verdict: what the three tests together say of a string, and what it is called where they fail.
+"""The decision: from the features of a cell to its regime, and the confidence in it.
 
-Schumacher & Woodhouse (1995), section III.B, take three tests together; PHYSICS.md section 7 pins them down. The names
-beyond are defined in :mod:`bow_classifier.verdict.regimes`; here is the order in which they are tried.
+Schumacher & Woodhouse (1995), section III.B, combine three tests; PHYSICS.md section 7 states them exactly. The regimes
+are defined in :mod:`bow_classifier.verdict.regimes`; :func:`_regime` tries them in their order of precedence. A new
+regime needs an entry there and a rule here.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.verdict.confidence import COEFFICIENTS, margins, probability
-from bow_classifier.verdict.fingerprint import LEAN, VERSION
+from bow_classifier.verdict.fingerprint import LEAN
 from bow_classifier.verdict.regimes import (
     ANOMALOUS_LOW_FREQUENCY,
     APERIODIC,
@@ -36,16 +37,56 @@ MULTIPLES = (2, 3)
 """Orders m of subharmonics."""
 
 LONG = 1.25
-"""From so many nominal periods on a period is long: what is shorter is a nominal one, flattened or sharpened."""
+"""A period of at least so many nominal ones is long; a shorter one is a nominal period, flattened or sharpened."""
 
 
-class Evidence(NamedTuple):
-    """What the tests found in the window, for every cell of a block; arrays are (cells,).
+class Limits(NamedTuple):
+    """The numbers that the rules compare features with.
+
+    Attributes
+    ----------
+    periods
+        Nominal periods in the window.
+    period
+        Nominal period N, samples.
+    last_lag
+        Longest lag near the nominal period that is searched, samples.
+    correlation, silence, anomaly, s_motion, flyback_ripple
+        The thresholds of these names, see `bow_classifier.verdict.thresholds.Thresholds`.
+    """
+
+    periods: int
+    period: float
+    last_lag: float
+    correlation: float
+    silence: float
+    anomaly: float
+    s_motion: float
+    flyback_ripple: float
+
+    @classmethod
+    def of(cls, period: int, thresholds: Thresholds) -> Limits:
+        """Return the limits for a string of a nominal period, in samples."""
+        return cls(
+            CHUNK_PERIODS,
+            float(period),
+            float(thresholds.lags(period)[1]),
+            thresholds.correlation,
+            thresholds.silence,
+            thresholds.anomaly,
+            thresholds.s_motion,
+            thresholds.flyback_ripple,
+        )
+
+
+class Features(NamedTuple):
+    """What was measured in the window, for every cell of a block; arrays are (cells,).
 
     Attributes
     ----------
     correlation, period
-        float32, as published, so that a reader of verdicts finds the rules kept; period in samples; NaN for none.
+        float32, as they are published: a reader of verdicts can apply the rules to the same numbers. Period in samples;
+        NaN for none.
     slips, slip_clusters, small_slips
         uint16: significant slips, those of them that begin a cluster, and insignificant ones.
     corners, corner_clusters
@@ -54,7 +95,7 @@ class Evidence(NamedTuple):
         float64: r.m.s. deviation of the bridge force from its mean, in v_b/beta.
     ripple
         float64: strongest line of the ripples over the stronger of the first two of the period, see
-        `bow_classifier.features.ripples`; 0 where it was not asked for.
+        `bow_classifier.features.ripples`; 0 where no rule needs it.
     sure_slips, sure_corners
         float64, 0 ... 1: share of neighbouring thresholds that give the same counts.
     beta
@@ -75,23 +116,23 @@ class Evidence(NamedTuple):
     beta: NDArray[np.float64]
 
     @classmethod
-    def empty(cls, beta: NDArray[np.float64]) -> Evidence:
-        """Return room for what the tests find of cells with these bow positions."""
+    def empty(cls, beta: NDArray[np.float64]) -> Features:
+        """Return arrays to be filled, for cells with these bow positions."""
         kinds = [np.float32] * 2 + [np.uint16] * 5 + [np.float64] * 4
         return cls._make([*(np.empty(len(beta), kind) for kind in kinds), beta])
 
 
 class Decision(NamedTuple):
-    """The verdicts on the cells of a block.
+    """The regimes of the cells of a block, and the confidence in them.
 
     Attributes
     ----------
     regime
         (cells,) uint8: index into `bow_classifier.verdict.regimes.REGIMES`.
     confidence
-        (cells,) float32, 0 ... 1: probability that the name is right, see `bow_classifier.verdict.confidence`.
+        (cells,) float32, 0 ... 1: probability that the regime is right, see `bow_classifier.verdict.confidence`.
     margins
-        (cells, margins) float64: what the confidence was made of.
+        (cells, margins) float64: what the confidence was computed from.
     """
 
     regime: NDArray[np.uint8]
@@ -100,7 +141,7 @@ class Decision(NamedTuple):
 
     @classmethod
     def empty(cls, cells: int) -> Decision:
-        """Return room for the verdicts."""
+        """Return arrays to be filled."""
         return cls(np.empty(cells, np.uint8), np.empty(cells, np.float32), np.empty((cells, COEFFICIENTS.shape[1])))
 
 
@@ -110,25 +151,26 @@ def _near(period, place, tolerance):
 
 
 @njit(**LEAN)
-def _long(period, slips, clusters, beta, nominal, tolerance):
-    """Return the code of a cell that repeats after a long lag; slips and clusters are whole numbers a period."""
+def _long(period, slips, clusters, beta, limits):
+    """Return the regime of a cell with a long period; slips and clusters are counts a period."""
     if slips == 1 or clusters == 1:
         for order in ORDERS:
-            if _near(period, nominal * (1 + order * (1 - beta)), tolerance):
+            if _near(period, limits.period * (1 + order * (1 - beta)), limits.anomaly):
                 return ANOMALOUS_LOW_FREQUENCY
     for multiple in MULTIPLES:
-        if slips >= 2 and _near(period, nominal * multiple, tolerance):
+        if slips >= 2 and _near(period, limits.period * multiple, limits.anomaly):
             return SUBHARMONIC
     return OTHER_PERIODIC
 
 
 @njit(**LEAN)
-def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, s_motion, most):
-    """Return the code of a cell that repeats after about one nominal period; whole numbers a period."""
-    cluster = corner_clusters == 1 or (corner_clusters == 0 and slips == 1)  # 0: they fill the period, but for one slip
-    if 3 <= corners < 1 / beta and cluster:  # as many as ripples in a period would be no cluster
-        return MULTIPLE_FLYBACK if ripple < most else RAMAN_HIGHER
-    if slips == 1 and (corners >= 2 or ripple >= s_motion):
+def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, limits):
+    """Return the regime of a cell with a period near the nominal one; the four counts are whole numbers a period."""
+    # with one slip a period, no cluster begins where the corners follow each other all round the period
+    cluster = corner_clusters == 1 or (corner_clusters == 0 and slips == 1)
+    if 3 <= corners < 1 / beta and cluster:  # 1/beta corners would be one for every ripple of a period, no cluster
+        return MULTIPLE_FLYBACK if ripple < limits.flyback_ripple else RAMAN_HIGHER
+    if slips == 1 and (corners >= 2 or ripple >= limits.s_motion):
         return RAMAN_HIGHER
     if slips >= 2:
         return RAMAN_HIGHER if clusters == 1 and corners == 2 and corner_clusters == 1 else MULTIPLE_SLIP
@@ -136,93 +178,54 @@ def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, s_mot
 
 
 @njit(**LEAN)
-def _regime(correlation, period, slips, slip_clusters, small, corners, corner_clusters, loudness, ripple, beta, limits):
-    """Return the code of one cell; the rule of section III.B, and what it is called where it fails."""
-    periods, nominal, last, least, silence, tolerance, s_motion, most = limits
-    periodic = correlation > least  # NaN, no interior maximum, is no period either
-    if periodic and period < last + 1.0 and slips == periods and corners == periods:
-        return HELMHOLTZ_EXTRA_SLIPS if round(small / periods) >= 1 else HELMHOLTZ
-    if slips == 0 or loudness < silence:
+def _regime(i, features, limits):
+    """Return the regime of cell i: the rules in their order of precedence."""
+    correlation, period = features.correlation[i], features.period[i]
+    slips, corners = features.slips[i], features.corners[i]
+    periodic = correlation > limits.correlation  # false for NaN: without an interior maximum there is no period
+    if periodic and period < limits.last_lag + 1.0 and slips == limits.periods and corners == limits.periods:
+        return HELMHOLTZ_EXTRA_SLIPS if round(features.small_slips[i] / limits.periods) >= 1 else HELMHOLTZ
+    if slips == 0 or features.loudness[i] < limits.silence:
         return NO_OSCILLATION
     if not periodic:
         return APERIODIC
-    turns = period / (periods * nominal)
-    slips_a_period, clusters_a_period = round(slips * turns), round(slip_clusters * turns)
-    if period >= LONG * nominal:
-        return _long(period, slips_a_period, clusters_a_period, beta, nominal, tolerance)
-    corners_a_period, corner_clusters_a_period = round(corners * turns), round(corner_clusters * turns)
+    per_period = period / (limits.periods * limits.period)  # turns a count in the window into a count a period
+    slips_a_period, clusters_a_period = round(slips * per_period), round(features.slip_clusters[i] * per_period)
+    if period >= LONG * limits.period:
+        return _long(period, slips_a_period, clusters_a_period, features.beta[i], limits)
+    corners_a_period = round(corners * per_period)
+    corner_clusters_a_period = round(features.corner_clusters[i] * per_period)
     return _near_nominal(
-        slips_a_period, clusters_a_period, corners_a_period, corner_clusters_a_period, ripple, beta, s_motion, most
-    )
+        slips_a_period, clusters_a_period, corners_a_period, corner_clusters_a_period,
+        features.ripple[i], features.beta[i], limits,
+    )  # fmt: skip
 
 
 @njit(**LEAN)
-def decide_cell(i, e, limits, decision):
-    """Write regime, confidence and margins of cell i to the decision, from the evidence e."""
-    periods, nominal, _, least, silence, _, _, _ = limits
-    regime, confidence, out = decision
-    correlation, period, loudness = e.correlation[i], e.period[i], e.loudness[i]
-    slips, corners = e.slips[i], e.corners[i]
-    regime[i] = _regime(
-        correlation, period, slips, e.slip_clusters[i], e.small_slips[i], corners, e.corner_clusters[i],
-        loudness, e.ripple[i], e.beta[i], limits,
-    )  # fmt: skip
-    if not loudness >= 0.0:  # samples that are no numbers
-        out[i] = 0.0
-        confidence[i] = 0.0
-        return
-    turns = period / (periods * nominal) if correlation > least else 1.0 / periods
-    margins(
-        correlation, slips * turns, corners * turns, e.sure_slips[i], e.sure_corners[i],
-        loudness, least, silence, out[i],
-    )  # fmt: skip
-    confidence[i] = probability(COEFFICIENTS[regime[i]], out[i])
-
-
-def build(version: int) -> Any:
-    """Make the compiled rule, to be cached as this version; see `bow_classifier.verdict.fingerprint`."""
-
-    @njit(nogil=True, cache=True, error_model="numpy")
-    def decide(evidence, limits, decision):
-        for i in range(evidence.correlation.shape[0]):
-            decide_cell(i, evidence, limits, decision)
-        return version
-
-    return decide
-
-
-_decide = build(VERSION)
-
-
-def decide(evidence: Evidence, period: int, thresholds: Thresholds) -> Decision:
-    """Return regime and confidence of every cell from what the tests found.
+def decide_cell(i, features, limits, decision):
+    """Write regime, confidence and margins of cell i to `decision`.
 
     Parameters
     ----------
-    evidence
-        Of the cells, in a window of five nominal periods.
-    period
-        Nominal period N, samples.
-    thresholds
-        What is asked.
+    i : int
+        The cell.
+    features : Features
+    limits : Limits
+    decision : Decision
+        Changed in place.
     """
-    result = Decision.empty(len(evidence.correlation))
-    _decide(evidence, limits_of(period, thresholds), result)
-    return result
-
-
-def limits_of(period: int, thresholds: Thresholds) -> tuple[float, ...]:
-    """Return what the compiled rule must know of the string and of the thresholds."""
-    return (
-        CHUNK_PERIODS,
-        float(period),
-        float(thresholds.lags(period)[1]),
-        thresholds.correlation,
-        thresholds.silence,
-        thresholds.anomaly,
-        thresholds.s_motion,
-        thresholds.flyback_ripple,
-    )
+    regime, confidence, out = decision
+    regime[i] = _regime(i, features, limits)
+    if not features.loudness[i] >= 0.0:  # NaN: some samples were not finite
+        out[i] = 0.0
+        confidence[i] = 0.0
+        return
+    if features.correlation[i] > limits.correlation:
+        per_period = features.period[i] / (limits.periods * limits.period)
+    else:
+        per_period = 1.0 / limits.periods
+    margins(i, features, per_period, limits, out[i])
+    confidence[i] = probability(COEFFICIENTS[regime[i]], out[i])
 
 
 def history(passed: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:

@@ -1,9 +1,10 @@
 """The sources that decide a verdict, and their hash.
 
-It is part of the hash of the classifier's parameters, and of the compiled tests: Numba's cache watches only the file in
-which a function stands, and some of these are made of :mod:`bow_sim.simd.lanes` too. What a closure holds is part of
-the cache's key, so a cached function that closes over `VERSION` is never stale. The functions that it calls need no
-cache of their own, and must not have one, as theirs would be.
+The hash is part of the hash of the thresholds (two classifiers that share it give the same verdicts) and of the cached
+code. Numba's cache watches only the file that defines a function, and the cached one, in
+:mod:`bow_classifier.chunk_pass`, contains functions of all these files. But the values of a closure are part of the
+cache's key: a cached function that closes over `VERSION` is never older than its sources. The functions that it calls
+are compiled with it, and must not be cached themselves.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ SOURCES = (
     *(Path(__file__).parents[1] / f"{name}.py" for name in HERE),
     *(Path(simd.__path__[0]) / f"{name}.py" for name in ("columns", "jit", "lanes", "rows")),
 )
-"""Files that decide a verdict."""
+"""Files that decide a verdict; a test finds one that is missing."""
 
 
 @functools.cache
@@ -45,7 +46,7 @@ def source_hash() -> str:
 
 
 VERSION = int(source_hash()[:15], 16)
-"""For the functions that Numba keeps: the hash as a number of 64 bits."""
+"""The hash as a number of 60 bits, for the cached function to close over."""
 
 LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
-"""Numba's options for the parts of the tests: without reference counts, which would take a fifth of the time."""
+"""Numba's options for the functions that are called for every cell: reference counts would take a fifth of the time."""

@@ -13,6 +13,8 @@ import socket
 from collections.abc import Mapping
 from pathlib import Path
 
+from bow_sim.config_files import find_config
+
 RANGE, PEERS, SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"
 PROFILE, LEND = "FASTRTPS_DEFAULT_PROFILES_FILE", "RMW_FASTRTPS_USE_QOS_FROM_XML"
 DOMAIN = "ROS_DOMAIN_ID"
@@ -73,12 +75,8 @@ def _free(directory: Path) -> int:
 
 
 def find_profile(name: str) -> Path | None:
-    """Return where one of our profiles is: config/ of the source tree, or share/bow/config of the prefix we live in."""
-    for above in Path(__file__).resolve().parents:
-        for profile in (above / "config" / name, above / "share" / "bow" / "config" / name):
-            if profile.is_file():
-                return profile
-    return None
+    """Return the file of one of our profiles, in config/."""
+    return find_config(name)
 
 
 def asked(network: str) -> dict[str, str]:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from bow_sim.graph import shm_files
 from bow_sim.graph.discovery import SHARED_MEMORY
+from bow_sim.graph.process_stat import start_of
 
 SUPERVISED = "BOW_SUPERVISED"
 """Set in the environment of processes that have a supervisor: they write no notes."""
@@ -31,21 +32,12 @@ _NAME = re.compile(r"bow_([0-9]+)_([0-9]+)_([0-9]+)_([0-9]+)")
 
 
 def _name(pid: int) -> str:
-    return f"bow_{os.getuid()}_{_namespace()}_{pid}_{_started(pid)}"
+    return f"bow_{os.getuid()}_{_namespace()}_{pid}_{start_of(pid)}"
 
 
 def _namespace() -> int:
     """Return the namespace of process numbers that this process lives in: containers may share memory alone."""
     return Path("/proc/self/ns/pid").stat().st_ino
-
-
-def _started(pid: int) -> int | None:
-    """Return when a process started, in ticks since boot; None where it is gone or only waited for."""
-    try:
-        words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return None
-    return None if words[0] in "ZX" else int(words[19])
 
 
 class Note:
@@ -95,7 +87,7 @@ def work_off(place: Path = SHARED_MEMORY) -> None:
         mine = (str(os.getuid()), str(_namespace()))
         for path in place.iterdir():
             found = _NAME.fullmatch(path.name)
-            if found and found.groups()[:2] == mine and _started(int(found[3])) != int(found[4]):
+            if found and found.groups()[:2] == mine and start_of(int(found[3])) != int(found[4]):
                 _work_off(path)
 
 

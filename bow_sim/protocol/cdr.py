@@ -21,6 +21,7 @@ import numpy as np
 import xxhash
 
 from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, is_sealed
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
 __all__ = [
     "ENCAPSULATION",
@@ -353,7 +354,7 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
         _check_intervals(values)
         lengths = {"slipping": cells, "offsets": cells + 1}
     elif name == "Verdicts":
-        lengths = dict.fromkeys(("correlation", "period", "slips", "corners", "regime", "confidence"), cells)
+        lengths = dict.fromkeys(VERDICT_FIELDS, cells)
     for field, length in lengths.items():
         if len(values[field]) != length:
             raise WireError(f"{name}.{field}: {len(values[field])} values for {cells} cells, should be {length}")

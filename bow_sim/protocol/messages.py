@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+
 SHORT_TEXT = "uint8[16]"
 """A text as an array of bytes: ASCII, 16 characters at most."""
 
@@ -39,12 +43,7 @@ FIELDS: dict[str, dict[str, str]] = {
         "chunk_checksum": "uint64",
         "classifier": "string",
         "cells": "uint32[]",
-        "correlation": "float32[]",
-        "period": "float32[]",
-        "slips": "uint16[]",
-        "corners": "uint16[]",
-        "regime": "uint8[]",
-        "confidence": "float32[]",
+        **{name: f"{np.dtype(field.kind)}[]" for name, field in VERDICT_FIELDS.items()},
     },
     "Receipt": {
         "run_id": "string",

@@ -1,29 +1,140 @@
-"""The written form of a sweep, as far as all rooms of the house need it.
+"""The written form of a sweep: "name=value" settings.
 
-A sweep is "name=value" settings (see :mod:`bow_sweep.plan.sweep`): names of
-:class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the axes of the map, ``classifier.*`` for
-thresholds, ``block_cells`` and ``adaptive``. Simulator and classifier stand upstream of the plan and only take these
-apart.
+Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map,
+``classifier.*`` for the thresholds of the verdicts, ``block_cells`` and ``adaptive``. Here the settings are only sorted
+into these groups and the axes are read: :mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and
+:mod:`bow_sim.protocol.sweep_outline` reads the complete settings that a plan announces.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.parameters import Parameters, parse_settings
+from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters, parse_settings
+from bow_sim.protocol.limits import MAX_CELLS
 
 GROUPS = ("x", "y", "classifier")
 """Prefixes of settings that are not parameters of the string."""
 
 
 @dataclass(frozen=True)
+class Axis:
+    """One axis of the map: a parameter and the values it takes.
+
+    Attributes
+    ----------
+    name
+        One of :data:`bow_sim.physics.parameters.SWEEPABLE`.
+    scale
+        "log" or "linear".
+    first, last
+        Both included, in the parameter's unit.
+    count
+        Number of values.
+    """
+
+    name: str
+    scale: str
+    first: float
+    last: float
+    count: int
+
+    @classmethod
+    def of(cls, key: str, given: Mapping[str, object], default: Axis | None = None) -> Axis:
+        """Read the settings of an axis.
+
+        Parameters
+        ----------
+        key
+            "x" or "y".
+        given
+            Values by the names of the attributes, as text or numbers.
+        default
+            Values of the names that are not given; without it every name must be given.
+
+        Raises
+        ------
+        ParameterError
+            For an unknown or missing name, or an axis that cannot be.
+        """
+        names = [part.name for part in fields(cls)]
+        if unknown := set(given) - set(names):
+            known = ", ".join(f"{key}.{name}" for name in sorted(names))
+            raise ParameterError(f"{key}.{min(unknown)}: no such setting; the axis has {known}")
+        if default is None and (missing := set(names) - set(given)):
+            raise ParameterError(f"there is no setting {key}.{min(missing)}: an axis needs all of {', '.join(names)}")
+        values = {name: given.get(name, getattr(default, name, None)) for name in names}
+        axis = cls(
+            name=str(values["name"]),
+            scale=str(values["scale"]),
+            first=_number(f"{key}.first", values["first"]),
+            last=_number(f"{key}.last", values["last"]),
+            count=whole_number(f"{key}.count", values["count"]),
+        )
+        axis._check(key)
+        return axis
+
+    def values(self) -> NDArray[np.float64]:
+        """Return the values along the axis, (count,), both ends exact."""
+        space = np.geomspace if self.scale == "log" else np.linspace
+        values: NDArray[np.float64] = space(self.first, self.last, self.count)
+        values[0] = self.first
+        if self.count > 1:
+            values[-1] = self.last
+        return values
+
+    def _check(self, key: str) -> None:
+        """Raise ParameterError, which names the setting, for an axis that cannot be."""
+        if self.name not in SWEEPABLE:
+            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {', '.join(sorted(SWEEPABLE))}")
+        if self.scale not in ("log", "linear"):
+            raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
+        if not 1 <= self.count <= MAX_CELLS:
+            raise ParameterError(f"{key}.count = {self.count}: should be 1 ... {MAX_CELLS}")
+        for name in ("first", "last"):
+            value = getattr(self, name)
+            if not np.isfinite(value):
+                raise ParameterError(f"{key}.{name} = {value}: should be a finite number")
+            if self.scale == "log" and value <= 0:
+                raise ParameterError(f"{key}.{name} = {value}: should be above 0 on a logarithmic axis")
+        if self.count > 1 and self.first == self.last:
+            raise ParameterError(f"{key}.last = {self.last}: {self.count} values need it to differ from {key}.first")
+        if TYPES[self.name] is int and (self.values() % 1).any():
+            raise ParameterError(
+                f"{key}.count = {self.count}: {self.name} takes whole numbers, and {self.first:g} ... {self.last:g} "
+                f"in so many {self.scale} steps are not; for instance {key}.scale=linear and one step each"
+            )
+
+
+def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
+    """Check two axes together with the parameters that all cells share.
+
+    Only the four corners are tried. This is enough, because every limit of a parameter is an interval or another
+    parameter.
+
+    Raises
+    ------
+    ParameterError
+        Where both axes are one parameter, or the parameters cannot be at a corner.
+    """
+    if x.name == y.name:
+        raise ParameterError(f"y.name = {y.name!r}: both axes are this parameter; they should differ")
+    for x_end, y_end in itertools.product(("first", "last"), repeat=2):
+        try:
+            parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
+        except ParameterError as error:
+            raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
+
+
+@dataclass(frozen=True)
 class Spec:
-    """Settings taken apart: the values are text or, from a preset file, whatever YAML made of them."""
+    """The settings of a sweep by group. Values are text or, from a preset file, what YAML made of them."""
 
     plain: Mapping[str, object]
     x: Mapping[str, object]
@@ -37,40 +148,34 @@ class Spec:
         return Parameters.from_mapping(self.plain)
 
     def number(self, group: str, key: str) -> int:
-        """Return a whole number of a resolved sweep, such as ``x.count``.
+        """Return a whole number such as ``x.count``; `group` is "" for ``block_cells``.
 
         Raises
         ------
         ParameterError
-            Where it is missing or no number.
+            Where it is missing or not a whole number.
         """
-        source = {"block_cells": self.block_cells} if group == "" else getattr(self, group)
-        try:
-            return int(str(source[key]))
-        except (KeyError, ValueError):
-            name = f"{group}.{key}" if group else key
-            raise ParameterError(f"{name} = {source.get(key)!r}: should be a whole number") from None
+        if not group:
+            return whole_number(key, getattr(self, key))
+        return whole_number(f"{group}.{key}", getattr(self, group).get(key))
 
-    def share(self, key: str) -> float:
-        """Return a setting that is a share, above 0 and at most 1.
+    def share(self, key: str, default: float) -> float:
+        """Return a setting between 0 (excluded) and 1, such as ``adaptive``.
 
         Raises
         ------
         ParameterError
-            Where it is none.
+            For any other value.
         """
         value = getattr(self, key)
-        try:
-            share = float(str(value))
-        except ValueError:
-            raise ParameterError(f"{key} = {value!r}: should be a number") from None
+        share = default if value is None else _number(key, value)
         if not 0 < share <= 1:
             raise ParameterError(f"{key} = {share:g}: should be above 0 and at most 1")
         return share
 
 
 def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
-    """Return settings taken apart by their prefixes; unknown names stay among the plain ones and are refused there.
+    """Sort settings by their prefixes. Unknown names stay in `Spec.plain`; `Spec.parameters` refuses them.
 
     Raises
     ------
@@ -90,21 +195,22 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 
-def axis_values(scale: str, first: float, last: float, count: int) -> NDArray[np.float64]:
-    """Return the values along an axis of a map, shape (count,), both ends exact.
+def whole_number(key: str, value: object) -> int:
+    """Return a setting that is a whole number.
 
-    Parameters
-    ----------
-    scale
-        "log" or "linear".
-    first, last
-        Both included; finite, and above 0 on a logarithmic axis.
-    count
-        Number of values, 1 or more.
+    Raises
+    ------
+    ParameterError
+        Where it is not one.
     """
-    space = np.geomspace if scale == "log" else np.linspace
-    values: NDArray[np.float64] = space(first, last, count)
-    values[0] = first
-    if count > 1:
-        values[-1] = last
-    return values
+    try:
+        return int(str(value))
+    except ValueError:
+        raise ParameterError(f"{key} = {value!r}: should be a whole number") from None
+
+
+def _number(key: str, value: object) -> float:
+    try:
+        return float(str(value))
+    except ValueError:
+        raise ParameterError(f"{key} = {value!r}: should be a number") from None

@@ -1,4 +1,4 @@
-"""Eight rows of samples as eight columns, so that eight cells are worked on at once, each in a lane of its own."""
+"""Transposition of eight rows of samples, so that eight cells are computed at once, each in its own lane."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _I64 = ir.IntType(64)
 def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o: Any) -> Any:
     """Write eight samples of eight rows of float32, less each row's level, as eight rows of float64.
 
-    ``out[o + 8 t + row] = x[i + row width + t] - level[row]`` for t and row in 0 ... 7, exactly: a difference of two
-    numbers of float32 of about the same size is one of float64.
+    ``out[o + 8 t + row] = x[i + row width + t] - level[row]`` for t and row in 0 ... 7. This is exact: float64
+    holds the difference of two float32 numbers of about the same size.
     """
     if not (x.dtype is types.float32 and out.dtype is types.float64 and level is LANES_OF[types.float64]):
         return None
@@ -42,8 +42,8 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o:
 
 
 @intrinsic
-def expect(typingctx: Any, x: Any, i: Any) -> Any:
-    """Have the cache line of ``x.flat[i]`` fetched, as it will be wanted soon; nothing waits for it."""
+def prefetch(typingctx: Any, x: Any, i: Any) -> Any:
+    """Fetch the cache line of ``x.flat[i]``, which will be read soon, without waiting for it."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         byte, number = ir.IntType(8), ir.IntType(32)

@@ -6,13 +6,21 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-DONE, USAGE = 0, 2
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.table import Table
+
+    from bow_sweep.maps.compare import Compared
+
+from bow_sweep.cli.terminal import fail
+from bow_sweep.processes.exit_status import DONE
 
 
 def add_command(commands: Any) -> None:
-    """Add the parser of `compare`; it has a default `run` that takes the arguments."""
+    """Add the parser of `compare`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "compare",
         help="hold runs against each other: terrain and playability",
@@ -40,35 +48,59 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_compare)
 
 
-def _fail(message: str) -> int:
-    print(f"bow: {message}", file=sys.stderr)
-    return USAGE
-
-
 def _compare(args: argparse.Namespace) -> int:
     from bow_sim.figures.page import FigureError, check_path
+    from bow_sweep.figures.terrain import draw_comparison
+    from bow_sweep.maps.compare import as_json, compare, notes
     from bow_sweep.maps.map_file import MapFileError
-    from bow_sweep.view.compare import as_json, compare, draw, notes, table
 
     try:
         if args.out:
             check_path(args.out)
         found = compare(args.runs)
     except (MapFileError, FigureError) as error:
-        return _fail(str(error))
+        return fail(str(error))
     if args.json:
         print(json.dumps(as_json(found), indent=2))
     else:
         from rich.console import Console
 
         width = None if sys.stdout.isatty() else 200
-        Console(width=width, highlight=False, markup=False).print(table(found))
+        Console(width=width, highlight=False, markup=False).print(_table(found))
         for note in notes(found):
             print(f"note: {note}")
     if args.out:
         try:
-            draw(found, args.out)
+            draw_comparison(found, args.out)
         except OSError as error:
-            return _fail(f"--out {args.out}: cannot be written: {error.strerror}")
+            return fail(f"--out {args.out}: cannot be written: {error.strerror}")
         print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
     return DONE
+
+
+def _table(found: Sequence[Compared]) -> Table:
+    """Return the numbers as a table for a terminal: a row for each measure, a column for each run.
+
+    For two runs a last column gives their difference.
+    """
+    from rich.table import Table
+
+    from bow_sweep.maps.compare import difference, sure, value_and_error
+    from bow_sweep.maps.playability import MEASURES
+
+    shown = Table(title="playability; ± from the four interleaved grids of half the density", title_justify="left")
+    shown.add_column("measure")
+    for each in found:
+        shown.add_column(f"{each.name}\n{each.title}", justify="right")
+    if len(found) == 2:
+        shown.add_column("difference\n* is sure", justify="right")
+    for measure in MEASURES:
+        unit = f", {measure.unit}" if measure.unit else ""
+        row = [measure.title + unit]
+        row += [measure.text(*value_and_error(each.numbers, measure.name)) for each in found]
+        if len(found) == 2:
+            step, error = difference(found[0], found[1], measure.name)
+            mark = " *" if sure(found[0], found[1], measure.name) else "  "
+            row.append(measure.text(step, error, signed=True) + mark)
+        shown.add_row(*row)
+    return shown

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from bow_sweep.figures.maps import draw_map
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MAP, MapFile, write_map_npz
 from bow_sweep.maps.playability import playability
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import PICTURE, Run, RunError
-from bow_sweep.view.map_figures import draw_map
 
 __all__ = [
     "MAP",
@@ -53,7 +53,7 @@ def prepare() -> None:
     import scipy.ndimage  # noqa: F401
 
     with contextlib.suppress(Exception):  # write_results reports it
-        from bow_sweep.view import pictures  # noqa: F401
+        from bow_sweep.figures import maps  # noqa: F401
 
 
 def write_results(run: Run, basin: Basin) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +23,7 @@ from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import FOLDER, BagError
 from bow_sweep.record.bag_contents import Survey
 from bow_sweep.record.inspection import Identity
-from bow_sweep.record.recover import LockedError, locked, repair
+from bow_sweep.record.recover import repair
 from bow_sweep.run.directory import (
     PICTURE,
     REPORT,
@@ -32,12 +31,12 @@ from bow_sweep.run.directory import (
     RunError,
     blocks_of,
     digest,
-    lock,
     planned,
     round_entry,
     sweep_of,
 )
 from bow_sweep.run.ledger_file import LEDGER, Reading, latest_states, read_leniently, set_ledger_aside, write_ledger
+from bow_sweep.run.lock import LockedError, locked
 
 Log = Callable[[str], None]
 """Takes a line for people."""
@@ -108,20 +107,10 @@ def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True) -> P
     if not directory.is_dir():
         raise RunError(f"{directory / LEDGER}: no such directory; a run directory of `bow sweep` holds one")
     try:
-        with _coordinators_lock(directory, locks):
+        with locked(directory, "coordinator", locks):
             return _prepare(directory, log, locks)
     except OSError as error:
         raise RunError(f"{error.filename or directory}: {error.strerror or error}") from None
-
-
-@contextmanager
-def _coordinators_lock(directory: Path, locks: bool) -> Iterator[None]:
-    descriptor = lock(directory, "coordinator") if locks else -1
-    try:
-        yield
-    finally:
-        if descriptor >= 0:
-            os.close(descriptor)
 
 
 def _prepare(directory: Path, log: Log, locks: bool) -> Prepared:
@@ -150,7 +139,7 @@ def _repaired_bag(directory: Path, reading: Reading, log: Log, locks: bool) -> S
     identity: Identity | None = (first["run_id"], first["sweep_id"]) if first else None
     bag = directory / FOLDER
     try:
-        with locked(directory, locks):
+        with locked(directory, "recorder", locks):
             report, found = repair(bag, identity, resuming=True)
             _sync(bag)
     except LockedError:  # only the coordinator of this graph was started again

@@ -7,5 +7,6 @@ map_file     the finished map, map.npz
 in_process   a map computed here, without a graph
 terrain      which of the paper's five kinds of terrain lies around each cell
 streaks      how a map's streaks run
-playability  what a map says, in numbers, of how easy a string is to play
+playability  measures of how easy a string is to play
+compare      measures of several maps, and their differences
 """

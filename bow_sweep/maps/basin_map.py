@@ -9,19 +9,7 @@ import numpy as np
 
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.physics.parameters import CHUNK_PERIODS
-
-PENDING = 255
-"""Regime of a cell that has no test yet."""
-
-LAYERS: dict[str, tuple[type, float]] = {
-    "correlation": (np.float32, np.nan),
-    "period": (np.float32, np.nan),
-    "slips": (np.uint16, 0),
-    "corners": (np.uint16, 0),
-    "regime": (np.uint8, PENDING),
-    "confidence": (np.float32, np.nan),
-}
-"""What a verdict says of a cell: dtype and the value where there is none."""
+from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 
 
 class Basin:
@@ -35,13 +23,13 @@ class Basin:
     Attributes
     ----------
     layers
-        Name -> (tests, ny * nx), the names and dtypes of `LAYERS`.
+        Name -> (tests, ny * nx), the fields of :data:`bow_sim.protocol.verdict_fields.VERDICT_FIELDS`.
     """
 
     def __init__(self, nx: int, ny: int, tests: int) -> None:
         self.nx, self.ny, self.tests = nx, ny, tests
         shape = (tests, ny * nx)
-        self.layers: dict[str, np.ndarray] = {name: np.full(shape, *LAYERS[name][::-1]) for name in LAYERS}
+        self.layers: dict[str, np.ndarray] = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
         self.tested = np.zeros(ny * nx, np.uint16)
         self.transient_periods = np.full(ny * nx, np.nan, np.float32)
 

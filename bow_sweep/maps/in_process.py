@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bow_classifier.block_classifier import BlockJudge, Geometry, Judgement
+from bow_classifier.block_classifier import BlockClassifier, Geometry, Verdicts
 from bow_classifier.features.slips import Intervals
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.block import Block, ChunkResult
@@ -23,9 +23,9 @@ def intervals_of(chunk: ChunkResult) -> Intervals:
     )
 
 
-def judgements(
+def verdicts(
     parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
-) -> Iterator[Judgement]:
+) -> Iterator[Verdicts]:
     """Simulate cells and yield the verdicts after every five periods.
 
     Parameters
@@ -46,10 +46,10 @@ def judgements(
     cells = len(np.asarray(next(iter(lanes.values()))))
     speed = lanes.get("v_b", parameters.v_b)
     position = lanes.get("bow_bridge", parameters.bow_bridge)
-    judge = BlockJudge(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
+    classifier = BlockClassifier(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
     for _ in range(parameters.chunks):
         chunk = block.advance()
-        yield judge.judge(chunk.bridge_force, intervals_of(chunk))
+        yield classifier.classify(chunk.bridge_force, intervals_of(chunk))
 
 
 def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
@@ -67,7 +67,7 @@ def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None
     while True:
         for number in range(done, blocks.count):
             cells = blocks.block(number)
-            for test, verdict in enumerate(judgements(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
+            for test, verdict in enumerate(verdicts(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
                 basin.take(test, cells, verdict._asdict())
             if progress:
                 progress(int(np.count_nonzero(basin.tested)), sweep.budget)

@@ -10,7 +10,8 @@ import numpy as np
 
 from bow_sim.atomic_files import read_arrays, replacing
 from bow_sim.physics.parameters import CHUNK_PERIODS, FIELDS
-from bow_sweep.maps.plane import PENDING, Plane
+from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
+from bow_sweep.maps.plane import Plane
 
 if TYPE_CHECKING:
     from bow_sweep.maps.basin_map import Basin
@@ -19,17 +20,13 @@ if TYPE_CHECKING:
 MAP = "map.npz"
 """Name of the file in a run directory."""
 
-TESTS = {
-    "correlation": np.float32,
-    "period": np.float32,
-    "slips": np.uint16,
-    "corners": np.uint16,
-    "helmholtz": np.bool_,
-}
-"""Arrays of map.npz that hold a value for every test of every cell, and their types."""
+_KINDS: dict[str, Any] = {name: field.kind for name, field in VERDICT_FIELDS.items()}
 
-HISTORY = {"regimes": np.uint8, "confidence": np.float32}
-"""More of these; files written before there were any do without."""
+HISTORY = {"regimes": _KINDS.pop("regime"), "confidence": _KINDS.pop("confidence")}
+"""Name -> type of the arrays with a value for every test of every cell that older files do not have."""
+
+TESTS = {**_KINDS, "helmholtz": np.bool_}
+"""Name -> type of the arrays with a value for every test of every cell that every file has."""
 
 DERIVED = ("regressions", "flattening", "count")
 """Arrays of map.npz with a value for every cell that follow from the others: for readers, not read back."""

@@ -10,19 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sim.protocol.sweep_spec import split
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 from bow_sweep.maps.axes import Axis
-
-PENDING = 255
-"""Regime of a cell without a verdict (BasinMap.msg)."""
-
-MAX_CELLS = 1 << 22
-"""As in :mod:`bow_sweep.plan.sweep`: nothing larger is allocated on the word of a message."""
 
 CLEAR, NEVER, NOT_COMPUTED = 0, 1, 2
 """What the mask over the transient lengths says of a cell."""
@@ -154,9 +149,10 @@ class Snapshot(Plane):
         get = values.__getitem__ if isinstance(values, Mapping) else lambda name: getattr(values, name)
         x, y = (np.array(get(name), float) for name in ("x", "y"))
         grids: dict[str, Any] = {}
-        kinds = {"transient_periods": np.float32, "regime": np.uint8, "correlation": np.float32}
-        for name in ("transient_periods", "regime", "tests", *TEST_LAYERS):
-            flat = np.array(get(name), kinds.get(name, np.uint16))
+        kinds: dict[str, Any] = {"transient_periods": np.float32, "tests": np.uint16}
+        kinds |= {name: VERDICT_FIELDS[name].kind for name in ("regime", *TEST_LAYERS)}
+        for name, kind in kinds.items():
+            flat = np.array(get(name), kind)
             if flat.size != x.size * y.size:
                 raise ValueError(f"BasinMap.{name}: {flat.size} values for {x.size} x {y.size} cells")
             grids[name] = flat.reshape(y.size, x.size)
@@ -167,35 +163,23 @@ class Snapshot(Plane):
         return snapshot
 
     @classmethod
-    def empty(cls, run_id: str, sweep_id: str, settings: Iterable[str], preset: str = "") -> Snapshot:
-        """Return the map of a sweep that has just been planned: every cell pending.
-
-        Raises
-        ------
-        ValueError
-            Where the settings do not hold the axes.
-        """
-        settings = tuple(settings)
-        spec = split(settings)
-        axes = [_PlannedAxis.of(key, given) for key, given in (("x", spec.x), ("y", spec.y))]
-        if axes[0].cells * axes[1].cells > MAX_CELLS:
-            raise ValueError(f"the plan has {axes[0].cells} x {axes[1].cells} cells: should be at most {MAX_CELLS}")
-        x, y = (axis.values() for axis in axes)
-        shape = (len(y), len(x))
-        grids: dict[str, Any] = {name: np.zeros(shape, np.uint16) for name in ("tests", "slips", "corners")}
-        grids |= {name: np.full(shape, np.nan, np.float32) for name in ("transient_periods", "correlation")}
+    def empty(cls, outline: SweepOutline) -> Snapshot:
+        """Return the map of a sweep that has just been planned: every cell is pending."""
+        shape = outline.shape
+        grids: dict[str, Any] = {name: VERDICT_FIELDS[name].array(shape) for name in (*TEST_LAYERS, "regime")}
         return cls(
-            run_id=run_id,
-            sweep_id=sweep_id,
-            x_name=axes[0].name,
-            y_name=axes[1].name,
-            x=x,
-            y=y,
-            regime=np.full(shape, PENDING, np.uint8),
+            run_id=outline.run_id,
+            sweep_id=outline.sweep_id,
+            x_name=outline.x.name,
+            y_name=outline.y.name,
+            x=outline.x.values(),
+            y=outline.y.values(),
+            transient_periods=np.full(shape, np.nan, np.float32),
+            tests=np.zeros(shape, np.uint16),
             regime_names=(),
-            settings=settings,
-            preset=preset,
-            outstanding=x.size * y.size,
+            settings=outline.settings,
+            preset=outline.preset,
+            outstanding=outline.cells,
             **grids,
         )
 
@@ -203,27 +187,6 @@ class Snapshot(Plane):
     def planned(self) -> int:
         """Cells of the sweep."""
         return self.done + self.quarantined + self.outstanding
-
-
-class _PlannedAxis(NamedTuple):
-    """An axis as the settings of a plan describe it."""
-
-    name: str
-    scale: str
-    first: float
-    last: float
-    cells: int
-
-    @classmethod
-    def of(cls, key: str, given: Mapping[str, object]) -> _PlannedAxis:
-        try:
-            first, last, cells = float(str(given["first"])), float(str(given["last"])), int(str(given["count"]))
-            return cls(str(given["name"]), str(given["scale"]), first, last, cells)
-        except KeyError as error:
-            raise ValueError(f"the plan has no setting {key}.{error.args[0]}") from None
-
-    def values(self) -> np.ndarray:
-        return (np.geomspace if self.scale == "log" else np.linspace)(self.first, self.last, self.cells)
 
 
 def upright(grid: np.ndarray) -> np.ndarray:

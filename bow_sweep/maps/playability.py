@@ -39,6 +39,14 @@ class Measure(NamedTuple):
     unit: str
     more: int
 
+    def text(self, value: float | None, error: float | None, signed: bool = False) -> str:
+        """Return a value and its error in the unit of the measure, without the unit; "-" for None."""
+        if value is None:
+            return "-"
+        scale, digits = (100, 1) if self.unit == "%" else (1, 3 if not self.unit else 1)
+        shown = f"{value * scale:{'+' if signed else ''}.{digits}f}"
+        return shown if error is None else f"{shown} ± {error * scale:.{digits}f}"
+
 
 MEASURES = (
     Measure("helmholtz", "Helmholtz motion", "%", 1),

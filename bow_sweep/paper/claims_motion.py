@@ -10,7 +10,7 @@ from bow_sim.figures.motion import BOX, CYCLES, OTHER_FORCE, Motion, motion, par
 from bow_sim.kernel.block import Block
 from bow_sim.physics.motion import regular_from
 from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
-from bow_sweep.maps.in_process import judgements
+from bow_sweep.maps.in_process import verdicts
 from bow_sweep.paper.claim import Claims, Found, Maps
 
 ONSETS = {5.5: 2224, 5.3: 2922}
@@ -27,7 +27,7 @@ claim = CLAIMS.claim
 def passed(force: float) -> list[bool]:
     """Return whether the three tests of section III.B pass after every five periods of a transient."""
     p = motion(force).parameters
-    return [bool(verdict.passed[0]) for verdict in judgements(p, {"f_asym": [p.f_asym]})]
+    return [bool(verdict.passed[0]) for verdict in verdicts(p, {"f_asym": [p.f_asym]})]
 
 
 @claim(
@@ -208,7 +208,7 @@ def _fig8_onset(_maps: Maps) -> Found:
 )
 def _flattening(_maps: Maps) -> Found:
     forces = np.geomspace(4, 10, 60)
-    *_, last = judgements(Parameters(model="stiff_cremer", v_mid=0.9), {"f_asym": forces})
+    *_, last = verdicts(Parameters(model="stiff_cremer", v_mid=0.9), {"f_asym": forces})
     force, period = forces[last.passed], last.period[last.passed]
     if len(force) < 3:
         return Found("too few Helmholtz motions to say", None, {"periods": period})

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.maps import playability
 from bow_sweep.maps.map_file import MapFile
 
 
@@ -26,25 +27,8 @@ def explained(mask: np.ndarray, axis: str) -> float:
 
 
 def largest_area(mask: np.ndarray) -> float:
-    """Return the largest contiguous area of a mask (neighbours share an edge) as a share of the plane."""
-    ny, nx = mask.shape
-    left = np.zeros((ny + 2, nx + 2), bool)
-    left[1:-1, 1:-1] = mask
-    flat, width, best = left.ravel(), nx + 2, 0
-    for start in np.flatnonzero(flat).tolist():
-        if not flat[start]:
-            continue
-        flat[start] = False
-        reached, size = [start], 0
-        while reached:
-            cell = reached.pop()
-            size += 1
-            for near in (cell - 1, cell + 1, cell - width, cell + width):
-                if flat[near]:
-                    flat[near] = False
-                    reached.append(near)
-        best = max(best, size)
-    return best / mask.size
+    """Return the largest contiguous area of a mask as a share of the plane; neighbours share an edge."""
+    return playability.largest_area(mask) / mask.size
 
 
 def columns(mask: np.ndarray, share: float) -> slice:

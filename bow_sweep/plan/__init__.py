@@ -1,5 +1,6 @@
-"""What is to be simulated: a sweep, its presets, and the rounds of an adaptive one.
+"""What is to be simulated: a sweep, its presets, and the rounds of an adaptive sweep.
 
 sweep     a sweep: which cells, in which blocks, with which parameters
-adaptive  which cells to simulate next, and what the others would say
+presets   named sweeps in config/presets
+adaptive  which cells to simulate next, and how the others are predicted
 """

@@ -103,7 +103,7 @@ def next_round(
 def uncertainty(transient_periods: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return how little the cells around tell of a cell, (ny, nx): 0 = all, 1 = nothing; up to `ROUGHNESS` more.
 
-    It is 1 - |share coloured - share black|, by weight, plus `ROUGHNESS` times the share coloured times s / (1 + s),
+    It is `1 - |share coloured - share black|`, by weight, plus `ROUGHNESS` times the share coloured times s / (1 + s),
     s being the variance of the transient's length in units of one test interval squared.
     """
     known, coloured, length, square = _around(transient_periods, WIDE)

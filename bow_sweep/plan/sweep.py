@@ -9,80 +9,22 @@ line, preset files, goals and bags share: the names of :class:`bow_sim.physics.p
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters, parse_settings
+from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
-from bow_sim.protocol.limits import MAX_CELLS, MAX_CHUNK_VALUES, check_size
-from bow_sim.protocol.sweep_spec import axis_values, split
+from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
+from bow_sim.protocol.sweep_spec import Axis, check_plane, split
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
-
-MAX_PRESET_BYTES, MAX_PRESET_BRACKETS, MAX_PRESET_KEYS = 1 << 16, 200, 1000
-"""In a preset file at most; its names can multiply by aliases."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis of the map: a parameter and the values it takes.
-
-    Attributes
-    ----------
-    name
-        A numeric field of :class:`bow_sim.physics.parameters.Parameters`.
-    scale
-        "log" or "linear".
-    first, last
-        Both included, in the parameter's unit.
-    count
-        Number of values.
-    """
-
-    name: str
-    scale: str
-    first: float
-    last: float
-    count: int
-
-    def values(self) -> np.ndarray:
-        """Return the values along the axis, shape (count,), both ends exact."""
-        return axis_values(self.scale, self.first, self.last, self.count)
-
-    def check(self, key: str) -> None:
-        """Raise ParameterError, naming the key below `key`, where the axis makes no sense."""
-        if self.name not in SWEEPABLE:
-            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {', '.join(sorted(SWEEPABLE))}")
-        if self.scale not in ("log", "linear"):
-            raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
-        if not 1 <= self.count <= MAX_CELLS:
-            raise ParameterError(f"{key}.count = {self.count}: should be 1 ... {MAX_CELLS}")
-        for name in ("first", "last"):
-            value = getattr(self, name)
-            if not np.isfinite(value):
-                raise ParameterError(f"{key}.{name} = {value}: should be a finite number")
-            if self.scale == "log" and value <= 0:
-                raise ParameterError(f"{key}.{name} = {value}: should be above 0 on a logarithmic axis")
-        if self.count > 1 and self.first == self.last:
-            raise ParameterError(f"{key}.last = {self.last}: {self.count} values need it to differ from {key}.first")
-        if TYPES[self.name] is int and (self.values() % 1).any():
-            raise ParameterError(
-                f"{key}.count = {self.count}: {self.name} takes whole numbers, and {self.first:g} ... {self.last:g} "
-                f"in so many {self.scale} steps are not; for instance {key}.scale=linear and one step each"
-            )
-
-
-AXIS_FIELDS = frozenset(part.name for part in fields(Axis))
+from bow_sweep.plan.presets import load_preset
 
 X_AXIS = Axis("f_asym", "log", 0.5, 20.0, 128)
 Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
@@ -129,12 +71,8 @@ class Sweep:
             Naming the key, its value and what would be right.
         """
         given = parse_settings(settings)
-        spec = split({**(_flatten(load_preset(preset)) if preset else {}), **given})
-        x, y = _axis("x", X_AXIS, spec.x), _axis("y", Y_AXIS, spec.y)
-        if x.name == y.name:
-            raise ParameterError(f"y.name = {y.name!r}: both axes are this parameter; they should differ")
-        if x.count * y.count > MAX_CELLS:
-            raise ParameterError(f"x.count * y.count = {x.count * y.count} cells: should be at most {MAX_CELLS}")
+        spec = split({**(load_preset(preset) if preset else {}), **given})
+        x, y = Axis.of("x", spec.x, X_AXIS), Axis.of("y", spec.y, Y_AXIS)
         thresholds = Thresholds.from_mapping(spec.classifier)
         for axis, key in ((x, "x"), (y, "y")):
             if axis.name in given:
@@ -142,16 +80,12 @@ class Sweep:
                 raise ParameterError(f"{axis.name} = {given[axis.name]!r}: {right}")
         common = {name: value for name, value in spec.plain.items() if name not in (x.name, y.name)}
         parameters = replace(spec, plain=common).parameters()
-        for x_end, y_end in itertools.product(("first", "last"), repeat=2):  # what is right at the corners is within
-            try:
-                parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
-            except ParameterError as error:
-                raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
-        adaptive = cls.adaptive if spec.adaptive is None else spec.share("adaptive")
+        check_plane(parameters, x, y)
+        adaptive = spec.share("adaptive", cls.adaptive)
         if spec.block_cells is None:
             block_cells = default_block_cells(x.count * y.count, adaptive, parameters.chunk_samples)
         else:
-            block_cells = _integer("block_cells", spec.block_cells)
+            block_cells = spec.number("", "block_cells")
         check_size(x.count, y.count, block_cells, parameters)
         return cls(parameters, x, y, block_cells, thresholds, preset, adaptive)
 
@@ -236,102 +170,3 @@ class Sweep:
         """Return the values of the two swept parameters at `cells`: {x.name: (cells,), y.name: (cells,)}."""
         iy, ix = np.divmod(cells.astype(np.int64), self.x.count)
         return {self.x.name: self.x.values()[ix], self.y.name: self.y.values()[iy]}
-
-
-def _integer(key: str, value: Any) -> int:
-    try:
-        number = int(str(value))
-    except ValueError:
-        raise ParameterError(f"{key} = {value!r}: should be a whole number") from None
-    return number
-
-
-def _axis(key: str, default: Axis, given: Mapping[str, Any]) -> Axis:
-    unknown = set(given) - AXIS_FIELDS
-    if unknown:
-        known = ", ".join(f"{key}.{name}" for name in sorted(AXIS_FIELDS))
-        raise ParameterError(f"{key}.{min(unknown)}: no such setting; the axis has {known}")
-    values = {name: given.get(name, getattr(default, name)) for name in AXIS_FIELDS}
-    values["count"] = _integer(f"{key}.count", values["count"])
-    for name in ("first", "last"):
-        try:
-            values[name] = float(values[name])
-        except (TypeError, ValueError):
-            raise ParameterError(f"{key}.{name} = {values[name]!r}: should be a number") from None
-    axis = Axis(**values)
-    axis.check(key)
-    return axis
-
-
-def _flatten(mapping: Mapping[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    todo = [("", mapping)]
-    for prefix, group in todo:
-        for key, value in group.items():
-            if isinstance(value, Mapping):
-                todo.append((f"{prefix}{key}.", value))
-            else:
-                flat[f"{prefix}{key}"] = value
-        if len(flat) + len(todo) > MAX_PRESET_KEYS:
-            raise ParameterError(f"a preset with more than {MAX_PRESET_KEYS} names: should have each once")
-    return flat
-
-
-def preset_directory() -> Path:
-    """Return where the presets are: config/ of the source tree, or share/bow/config of the prefix we live in.
-
-    Raises
-    ------
-    FileNotFoundError
-        Where neither is above this module.
-    """
-    for above in Path(__file__).resolve().parents:
-        for candidate in (above / "config", above / "share" / "bow" / "config"):
-            if (candidate / "presets").is_dir():
-                return candidate
-    raise FileNotFoundError(f"no config/presets or share/bow/config/presets in any folder above {__file__}")
-
-
-def presets() -> dict[str, str]:
-    """Return {name: title} of the presets there are, sorted."""
-    titles = {}
-    for name, path in _preset_files().items():
-        try:
-            titles[name] = str(_read_preset(path).get("title", ""))
-        except ParameterError as error:
-            titles[name] = str(error)  # the others can be used all the same
-    return titles
-
-
-def _preset_files() -> dict[str, Path]:
-    return {path.stem: path for path in sorted((preset_directory() / "presets").glob("*.yaml"))}
-
-
-def _read_preset(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > MAX_PRESET_BYTES:
-            raise ValueError(f"has more than {MAX_PRESET_BYTES} bytes")
-        text = path.read_text(encoding="utf-8")
-        if text.count("[") + text.count("{") > MAX_PRESET_BRACKETS:  # PyYAML takes the square of their depth
-            raise ValueError(f"has more than {MAX_PRESET_BRACKETS} brackets")
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, OSError, RecursionError) as error:
-        raise ParameterError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise ParameterError(f"{path}: should hold names and values")
-    return content
-
-
-def load_preset(name: str) -> dict[str, Any]:
-    """Return the settings of a named preset, without its title.
-
-    Raises
-    ------
-    ParameterError
-        Where there is no such preset or its file is not a mapping.
-    """
-    files = _preset_files()
-    if name not in files:  # a name from a list, never a path: it may come over the network
-        raise ParameterError(f"preset {name!r}: no such preset; one of {', '.join(files)}")
-    content = _read_preset(files[name])
-    return {key: value for key, value in content.items() if key != "title"}

@@ -1,14 +1,16 @@
 """The processes of a graph on this machine: started, watched, restarted, stopped.
 
+exit_status      exit statuses of the command and of its child processes
 roles            the module of each role
 fork             child processes: copies of this one, and commands
 interrupts       Ctrl-C and SIGTERM, noted and checked for
-shm_cleaner      removes what dead processes leave in shared memory
+shm_cleaner      removes the shared-memory files of processes that have exited
 supervisor       starts, restarts and stops the processes of a graph
-waiting          which processes are waited for, and when that is too long
-supervisor_node  the node beside the supervisor
-progress         how a sweep shows on a terminal
-new_directory    the directory of a new run
+watchdog         which processes make no progress, and when that is too long
+supervisor_node  the node of `bow sweep` itself
+launch_arguments reads the arguments of the launch files
+progress         the progress of a sweep on stderr
+new_directory    the directory of a run: created, locked, released
 run_graph        a graph from its first process to the finished run directory
-replay_graph     judges a bag through DDS
+replay_graph     classifies a bag through DDS
 """

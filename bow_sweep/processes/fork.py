@@ -1,4 +1,4 @@
-"""Children: copies of this process, which need not load again what it has, and commands."""
+"""Child processes: copies of this process, which have its modules loaded already, and commands."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-LOOK_S = 0.01
-"""Between two looks at whether a child has ended."""
+from bow_sweep.processes.exit_status import FAILED
 
-ERROR = 1
+POLL_S = 0.01
+"""Interval at which :meth:`Process.wait` checks whether a child has exited."""
 
 UNKNOWN = 1000
-"""In place of an exit status that somebody else took."""
+"""In place of an exit status that another part of this process took."""
 
 
 class Process:
-    """A child of this process, as :class:`subprocess.Popen`; but it may be that somebody else takes its exit status.
+    """A child process. As :class:`subprocess.Popen`, but its exit status may be taken by others.
 
-    A library that waits for any child does that, or a parent that had us ignore SIGCHLD.
+    A library that waits for any child takes it; the kernel drops it where our parent had us ignore SIGCHLD.
 
     Parameters
     ----------
     pid
-        Its number.
+        Process number.
     """
 
     def __init__(self, pid: int) -> None:
@@ -39,43 +39,43 @@ class Process:
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
-        """Return the exit status, negative for a signal; None while it lives; UNKNOWN where somebody else took it."""
+        """Return the exit status, negative for a signal; None while it runs; `UNKNOWN` where others took it."""
         if self.returncode is None:
             try:
                 pid, status = os.waitpid(self.pid, os.WNOHANG)
-            except ChildProcessError:  # no longer a child: it has ended
+            except ChildProcessError:  # no longer a child: it has exited
                 self.returncode = UNKNOWN
             else:
                 self.returncode = os.waitstatus_to_exitcode(status) if pid else None
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end.
+        """Wait until it exits; return the exit status as :meth:`poll` does.
 
         Raises
         ------
         subprocess.TimeoutExpired
-            Where it lives longer than `timeout`, seconds; None waits for ever.
+            Where it runs longer than `timeout`, seconds; None waits without a limit.
         """
         deadline = time.monotonic() + (math.inf if timeout is None else timeout)
         while (status := self.poll()) is None:
             if timeout is not None and time.monotonic() > deadline:
                 raise subprocess.TimeoutExpired(f"process {self.pid}", timeout)
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         return status
 
     def send_signal(self, number: int) -> None:
-        """Send a signal, if it lives."""
+        """Send a signal, unless it has exited."""
         if self.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """Kill it."""
+        """Send SIGKILL, unless it has exited."""
         self.send_signal(signal.SIGKILL)
 
 
-class Started(Process):
+class Spawned(Process):
     """A command in a process of its own, without input.
 
     Parameters
@@ -83,15 +83,15 @@ class Started(Process):
     command
         Program and arguments.
     output
-        File that gets what it prints.
+        File to which its stdout and stderr are appended.
     environment
-        All its variables.
-    first
-        What it does before it becomes the command.
+        All its environment variables.
+    prepare
+        Called in the child before it becomes the command.
     """
 
     def __init__(
-        self, command: Sequence[str], output: Path, environment: Mapping[str, str], first: Callable[[], None]
+        self, command: Sequence[str], output: Path, environment: Mapping[str, str], prepare: Callable[[], None]
     ) -> None:
         with open(output, "ab") as log:
             process = subprocess.Popen(
@@ -100,49 +100,49 @@ class Started(Process):
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=environment,
-                preexec_fn=first,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
+                preexec_fn=prepare,  # noqa: PLW1509  # no threads of ours hold locks that a child needs
             )
         super().__init__(process.pid)
-        process.returncode = UNKNOWN  # it is ours to wait for: Popen takes one that others waited for as a success
+        process.returncode = UNKNOWN  # Popen must not wait for it too: it takes a status that others took for success
 
 
 class Forked(Process):
-    """Runs a function in a copy of this process.
+    """A function that runs in a copy of this process.
 
-    Begin with it before this process has threads of its own or DDS: a copy has only the thread that made it.
+    Call before creating threads or DDS entities; fork copies only the calling thread.
 
     Parameters
     ----------
     run
-        What the child does; its result is the exit status.
+        Called in the child; its result is the exit status.
     output
-        File that gets what the child prints.
+        File to which stdout and stderr of the child are appended.
     keep
-        An open file that the child has too, of all that this process has open.
+        The one open file, besides stdin, stdout and stderr, that the child keeps of ours; 0 for none.
     """
 
     def __init__(self, run: Callable[[], int], output: Path, keep: int = 0) -> None:
         for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError, ValueError, AttributeError):  # full, closed, or none: only words are lost
+            with contextlib.suppress(OSError, ValueError, AttributeError):  # full, closed, or None: only text is lost
                 stream.flush()
-        gc.freeze()  # no collection in the child writes to the pages that it shares
+        gc.freeze()  # no collection in the child writes to memory pages that it shares with us
         pid = os.fork()
         if pid == 0:
-            _child(run, output, keep)
+            _run_child(run, output, keep)
         gc.unfreeze()
         super().__init__(pid)
 
 
-def _child(run: Callable[[], int], output: Path, keep: int) -> None:
-    """Live as the child and end there: nothing of the parent's stack is unwound."""
-    status = ERROR
-    gc.disable()  # a node turns it on again once it has loaded what it needs
+def _run_child(run: Callable[[], int], output: Path, keep: int) -> None:
+    """Run the child and exit: it must not return into the stack that it copied from its parent."""
+    status = FAILED
+    gc.disable()  # a node enables it when it has loaded its modules
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         for descriptor in [int(path.name) for path in Path("/proc/self/fd").iterdir()]:
             if descriptor > 2 and descriptor != keep:
-                with contextlib.suppress(OSError):  # the one that listed them is closed already
+                with contextlib.suppress(OSError):  # the one that listed the directory is closed already
                     os.close(descriptor)
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         os.dup2(os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644), 1)
@@ -150,10 +150,10 @@ def _child(run: Callable[[], int], output: Path, keep: int) -> None:
         sys.stdout = sys.stderr = os.fdopen(1, "w", buffering=1)
         status = run()
     except SystemExit as end:
-        status = end.code if isinstance(end.code, int) else ERROR
+        status = end.code if isinstance(end.code, int) else FAILED
     except BaseException:
         traceback.print_exc()
     finally:
-        with contextlib.suppress(BaseException):  # whatever comes, nothing of the parent's runs here
+        with contextlib.suppress(BaseException):  # even then, os._exit must be reached
             sys.stdout.flush()
         os._exit(status)

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM, taken note of rather than raised in the middle of whatever runs."""
+"""Ctrl-C and SIGTERM: noted when they arrive, raised where the program checks for them."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ from types import FrameType
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
-class Ending:
-    """While it is entered, Ctrl-C and SIGTERM are noted for :meth:`check`, and what ends the block ends in order.
+class Interrupts:
+    """Context in which SIGINT and SIGTERM are noted; :meth:`check` raises KeyboardInterrupt where one has come.
 
-    An exception out of a signal handler comes up anywhere: in native code that calls Python, as an executor of rclpy,
-    it may be turned into another one or lost.
+    An exception raised by a signal handler comes up at any place. In native code that calls Python, as rclpy's
+    executor, it may be lost or turned into another exception; so handlers here only take a note.
 
-    In a thread that is not the main one, nothing is noted: signals are for whoever started it.
+    Python allows signal handlers in the main thread only. In other threads nothing is noted: signals are the business
+    of the thread's caller.
 
     Parameters
     ----------
     again
-        What to say where they come again.
+        Text to print to stderr when another signal comes before the process has ended.
 
     Raises
     ------
     KeyboardInterrupt
-        Where one came, and nobody has checked for it, at the end of the block; what was there before is restored.
+        On leaving the context, where a signal came that nobody has checked for. The handlers are restored then.
     """
 
     def __init__(self, again: str) -> None:
         self._again = f"\n{again}\n".encode()
-        self._asked = False
-        self._at_once = False
+        self._came = False
+        self._raises = False
 
-    def __enter__(self) -> Ending:
-        here = threading.current_thread() is threading.main_thread()  # Python has no handlers elsewhere
-        self._before = {number: signal.signal(number, self._note) for number in SIGNALS if here}
+    def __enter__(self) -> Interrupts:
+        in_main = threading.current_thread() is threading.main_thread()
+        self._before = {number: signal.signal(number, self._note) for number in SIGNALS if in_main}
         return self
 
     def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
@@ -48,24 +49,24 @@ class Ending:
             self.check()
 
     def _note(self, _number: int, _frame: FrameType | None) -> None:
-        if self._asked:
-            os.write(2, self._again)  # a print may be what was interrupted
-        self._asked = True
-        if self._at_once:
-            self._at_once = False
+        if self._came:
+            os.write(2, self._again)  # not print: the signal may have interrupted one
+        self._came = True
+        if self._raises:
+            self._raises = False
             raise KeyboardInterrupt
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt where the end was asked for."""
-        if self._asked:
+        """Raise KeyboardInterrupt if a signal has come."""
+        if self._came:
             raise KeyboardInterrupt
 
     @contextlib.contextmanager
-    def at_once(self) -> Iterator[None]:
-        """Raise where it stands: for what takes long and starts no processes."""
-        self._at_once = True
+    def immediate(self) -> Iterator[None]:
+        """Raise KeyboardInterrupt at once in this context: for code that takes long and starts no processes."""
+        self._raises = True
         try:
             self.check()
             yield
         finally:
-            self._at_once = False
+            self._raises = False

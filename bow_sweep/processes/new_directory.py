@@ -1,4 +1,4 @@
-"""The directory of a new run: claimed before there is a process, given back where no run begins."""
+"""The directory of a run: created and locked before a process is started, and removed where no run begins in it."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from pathlib import Path
 from bow_sweep.processes.run_graph import LOGS
 from bow_sweep.processes.shm_cleaner import NOTE
 from bow_sweep.run.campaign import FILE as CAMPAIGN
-from bow_sweep.run.directory import LEDGER, RunError, lock
+from bow_sweep.run.directory import LEDGER, RunError
+from bow_sweep.run.lock import name_of, take
 
 RUNS = Path("runs")
+"""Parent of run directories with a default name."""
 
-AGAIN = 1000
-"""Names that are tried, where others take them at the same time."""
+TRIES = 1000
+"""Default names that are tried, where other processes take them at the same time."""
 
 SUPERVISOR = "supervisor"
 
-_START = (f".{SUPERVISOR}.lock", ".coordinator.lock", ".recorder.lock", f".{LEDGER}.part")
-"""What a start leaves, beside logs, that was cut off before the run began."""
+_START = (*map(name_of, (SUPERVISOR, "coordinator", "recorder")), f".{LEDGER}.part")
+"""Files, beside logs, of a start that was interrupted before the run began."""
 
 DASHBOARD = "dashboard.rrd"
 
@@ -30,17 +32,17 @@ _PROBE = ".writable"
 
 
 @dataclass
-class Claim:
-    """A directory that this process alone works on.
+class OwnedDirectory:
+    """A directory in which only this process runs sweeps.
 
     Attributes
     ----------
     directory
-        Where it is, absolute.
+        Absolute path.
     made
-        Directories that were made for it, the innermost first.
+        Directories that were created for it, the innermost first.
     lock
-        Descriptor of its lock, None where it is not to be locked.
+        File descriptor of its lock; None where it is not locked.
     new
         Whether it is for a new run.
     """
@@ -51,67 +53,71 @@ class Claim:
     new: bool
 
     def release(self, *runs: Path) -> bool:
-        """Let go of it; return whether a run has begun in it, or in the directories `runs` below it.
+        """Release the lock. Where no new run has begun, remove everything: the same command can be given again.
 
-        Where a new one has not, nothing is left of the attempt: the same command can be given again.
+        Parameters
+        ----------
+        *runs
+            Run directories below it; for a campaign.
+
+        Returns
+        -------
+        bool
+            Whether a run has begun in it.
         """
         begun = not self.new or any((run / LEDGER).exists() for run in (self.directory, *runs))
         if not begun:
             (self.directory / CAMPAIGN).unlink(missing_ok=True)
             for run in (*runs, self.directory):
                 _remove_start(run)
-            for place in (*(run for run in runs if run != self.directory), *self.made):
-                with contextlib.suppress(OSError):  # not empty: something else is in it
-                    place.rmdir()
+            _remove_empty(*(run for run in runs if run != self.directory), *self.made)
         if self.lock is not None:
             os.close(self.lock)
         return begun
 
 
-def claim(out: Path | None, name: str, locked: bool = True) -> Claim:
-    """Make the directory of a new run, for this process alone.
+def create_directory(out: Path | None, name: str, locked: bool = True) -> OwnedDirectory:
+    """Create the directory of a new run.
 
     Parameters
     ----------
     out
-        What the user named; None for a new one of the default name in runs/.
+        As the user gave it; may exist, if it is empty. None for a new one with a default name in runs/.
     name
-        What the default name begins with.
+        First part of the default name.
     locked
-        Keep others off it; not on file systems that have no locks.
+        Lock it; not possible on file systems that have no locks.
 
     Raises
     ------
     RunError
-        Where that cannot be; names what the user gave, or nothing that the user did not.
+        Where it cannot be created or used; the message names what the user gave.
     """
     made: list[Path] = []
-    called = f"--out {out}" if out is not None else f"{RUNS}/"
+    given = f"--out {out}" if out is not None else f"{RUNS}/"
     remedy = "" if out is not None else "; --out DIR puts the run somewhere else"
-    held = None
+    owned = None
     try:
         _check_name(str(out or ""))
         directory = _given(out.absolute(), made) if out is not None else _next(name, made)
-        held = Claim(directory, made, lock(directory, SUPERVISOR) if locked else None, new=True)
+        owned = OwnedDirectory(directory, made, take(directory, SUPERVISOR) if locked else None, new=True)
         probe = directory / _PROBE
         probe.touch()
         probe.unlink()
     except RunError as error:
-        raise RunError(f"{called}: {error}") from None
+        raise RunError(f"{given}: {error}") from None
     except FileExistsError as error:
-        raise RunError(f"{called}: {error.filename} is a file; should be a directory that is new or empty") from None
+        raise RunError(f"{given}: {error.filename} is a file; should be a directory that is new or empty") from None
     except OSError as error:
-        for place in made:
-            with contextlib.suppress(OSError):
-                place.rmdir()
-        if held is not None:
-            held.release()
-        raise RunError(f"{called}: cannot be written: {error.strerror}{remedy}") from None
-    return held
+        _remove_empty(*made)
+        if owned is not None:
+            owned.release()
+        raise RunError(f"{given}: cannot be written: {error.strerror}{remedy}") from None
+    return owned
 
 
-def take_up(directory: Path, locked: bool = True) -> Claim:
-    """Take a directory with a run for this process alone, to go on with it.
+def open_directory(directory: Path, locked: bool = True) -> OwnedDirectory:
+    """Open the directory of a run that is to be resumed.
 
     Raises
     ------
@@ -125,7 +131,7 @@ def take_up(directory: Path, locked: bool = True) -> Claim:
         raise RunError(
             f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}"
         )
-    return Claim(directory, [], lock(directory, SUPERVISOR) if locked else None, new=False)
+    return OwnedDirectory(directory, [], take(directory, SUPERVISOR) if locked else None, new=False)
 
 
 def _check_name(name: str) -> None:
@@ -136,7 +142,7 @@ def _check_name(name: str) -> None:
 
 
 def never_began(directory: Path) -> bool:
-    """Return whether a directory holds nothing but what a start leaves that was cut off before its run began."""
+    """Return whether a directory holds at most the files of a start that was interrupted before its run began."""
     logs = directory / LOGS
     return all(path.name in _START or path == logs for path in directory.iterdir()) and (
         not logs.exists() or all(map(_is_log, logs.iterdir()))
@@ -148,7 +154,7 @@ def _is_log(path: Path) -> bool:
 
 
 def _given(directory: Path, made: list[Path]) -> Path:
-    """Make the directory that the user named, or use it where it is empty."""
+    """Create the directory that the user named, or use it where it is empty."""
     _make(directory, made)
     if not never_began(directory):
         begun = (directory / LEDGER).exists() or (directory / CAMPAIGN).exists()
@@ -158,11 +164,11 @@ def _given(directory: Path, made: list[Path]) -> Path:
 
 
 def _next(name: str, made: list[Path]) -> Path:
-    """Make a directory of the default name, with a number behind it where others have it already."""
+    """Create a directory with a default name, with a number after it where the name is taken."""
     parent = RUNS.absolute()
     _make(parent, made)
     stem = f"{name}-{time.strftime('%Y%m%d-%H%M%S')}"
-    for number in range(1, AGAIN):
+    for number in range(1, TRIES):
         directory = parent / (stem if number == 1 else f"{stem}-{number}")
         try:
             directory.mkdir()
@@ -170,26 +176,32 @@ def _next(name: str, made: list[Path]) -> Path:
             continue
         made.insert(0, directory)
         return directory.resolve()
-    raise RunError(f"{stem} and {AGAIN - 2} names like it are taken")
+    raise RunError(f"{stem} and {TRIES - 2} names like it are taken")
 
 
 def _make(directory: Path, made: list[Path]) -> None:
-    """Make a directory and those above it, as far as they are missing; add these to `made`."""
+    """Create a directory and the missing ones above it; insert these into `made`."""
     if directory.is_dir():
         return
     if directory.parent != directory:
         _make(directory.parent, made)
     try:
         directory.mkdir()
-    except FileExistsError:  # another process has made it meanwhile
+    except FileExistsError:  # another process has created it in the meantime
         if not directory.is_dir():
             raise
     else:
         made.insert(0, directory)
 
 
+def _remove_empty(*directories: Path) -> None:
+    for directory in directories:
+        with contextlib.suppress(OSError):  # not empty: it holds files that are not ours
+            directory.rmdir()
+
+
 def _remove_start(directory: Path) -> None:
-    """Remove what a start has left in a directory."""
+    """Remove the files of an interrupted start."""
     logs = directory / LOGS
     with contextlib.suppress(OSError):
         for name in (*_START, DASHBOARD):

@@ -1,4 +1,4 @@
-"""How a sweep shows on a terminal, and in plain lines where there is none."""
+"""The progress of a sweep on stderr: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
@@ -15,11 +16,11 @@ from rich.progress import Progress as Bar
 PLAIN_EVERY_S = 2.0
 SHOWN_REGIMES = 4
 WIDE = 130
-"""Columns of a terminal on which `SHOWN_REGIMES` regimes find room; a narrower one shows two."""
+"""Columns that a terminal must have to show `SHOWN_REGIMES` regimes; a narrower one shows two."""
 
 
 def percentages(what: str) -> Callable[[float, float], None]:
-    """Return a callback (done, total) that prints how far `what` is, once it takes over two seconds."""
+    """Return a callback (done, total) that prints the percentage done, once `what` takes over two seconds."""
     began = last = time.monotonic()
 
     def show(done: float, total: float) -> None:
@@ -27,7 +28,7 @@ def percentages(what: str) -> Callable[[float, float], None]:
         now = time.monotonic()
         if now - began > PLAIN_EVERY_S and now - last > PLAIN_EVERY_S / 2:
             last = now
-            with contextlib.suppress(OSError):  # only words are lost
+            with contextlib.suppress(OSError):  # stderr is closed: only the percentage is lost
                 print(f"{what}: {100 * done / max(total, 1):.0f} %", file=sys.stderr)
 
     return show
@@ -35,7 +36,7 @@ def percentages(what: str) -> Callable[[float, float], None]:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a sweep stands, in cells."""
+    """How far a sweep is, in cells; `regimes` is the number of cells in each regime."""
 
     done: int
     quarantined: int
@@ -43,8 +44,15 @@ class Progress:
     regimes: dict[str, int] = field(default_factory=dict)
 
 
+class _First(NamedTuple):
+    """The first progress shown, from which the rate is computed."""
+
+    at_s: float
+    done: int
+
+
 class _Console(Console):
-    """A console that falls silent where rich would end the process, as nobody reads it any more."""
+    """A console that stops printing where rich would end the process, because its reader is gone."""
 
     def on_broken_pipe(self) -> None:
         self.quiet = True
@@ -56,38 +64,37 @@ class Display:
     Parameters
     ----------
     console
-        Where to show; stderr, so that stdout stays for results.
+        Where to print; by default stderr, because stdout is for results.
     """
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or _Console(stderr=True, highlight=False)
         self._bar: Bar | None = None
         self._task = TaskID(0)
-        self._first: tuple[float, int] | None = None
+        self._first: _First | None = None
         self._last_plain = time.monotonic()
         self._last_text = ""
         self._title, self._before, self._total = "", 0, 0
 
     def begin(self, title: str, before: int, total: int) -> None:
-        """Go on with another of several runs: its name, the cells of those before it, and of all together."""
+        """Go to the next of several runs: its name, the cells of the runs before it, the cells of all runs."""
         self._title, self._before, self._total = title, before, total
 
-    def say(self, text: str) -> None:
-        """Print a line, above the bar where there is one; where nobody takes it, the sweep goes on."""
+    def print_line(self, text: str) -> None:
+        """Print a line, above the bar where there is one; nothing happens where stderr is closed."""
         with contextlib.suppress(OSError):
             self.console.print(text, soft_wrap=True, markup=False)
 
     def show(self, progress: Progress | None, waiting: str, now: float) -> None:
-        """Show where the sweep stands at `now` (seconds); call often."""
+        """Show the progress at `now`, in seconds, or before there is any, what the sweep waits for; call often."""
         if progress is None or not progress.planned:
             self._plain(f"waiting: {waiting or 'for the nodes of the graph'}", now)
             return
         if self._first is None:
-            self._first = (now, progress.done)
-        began, first = self._first
+            self._first = _First(now, progress.done)
         done = self._before + progress.done
         total = max(self._total, progress.planned)
-        rate = (done - first) / (now - began) if now > began else 0.0
+        rate = (done - self._first.done) / (now - self._first.at_s) if now > self._first.at_s else 0.0
         left = total - done - progress.quarantined
         speed = f"{rate:,.0f} cells/s" + (f", {left / rate:.0f} s left" if rate else "")
         if progress.done + progress.quarantined == progress.planned:
@@ -102,16 +109,7 @@ class Display:
             self._plain(f"{name}{done}/{total} cells, {speed}; {regimes}", now)
             return
         if self._bar is None:
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(20),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[speed]}"),
-                TimeElapsedColumn(),
-            )
-            self._bar = Bar(*columns, TextColumn("[dim]{task.fields[regimes]}"), console=self.console)
-            self._task = self._bar.add_task("", total=total, speed="", regimes="")
-            self._bar.start()
+            self._bar = self._start_bar(total)
         self._bar.update(
             self._task,
             description=self._title,
@@ -121,13 +119,27 @@ class Display:
             regimes=regimes,
         )
 
+    def _start_bar(self, total: int) -> Bar:
+        bar = Bar(
+            TextColumn("{task.description}"),
+            BarColumn(20),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[speed]}"),
+            TimeElapsedColumn(),
+            TextColumn("[dim]{task.fields[regimes]}"),
+            console=self.console,
+        )
+        self._task = bar.add_task("", total=total, speed="", regimes="")
+        bar.start()
+        return bar
+
     def _plain(self, text: str, now: float) -> None:
         if now - self._last_plain >= PLAIN_EVERY_S and text != self._last_text:
             self._last_plain, self._last_text = now, text
-            self.say(text)
+            self.print_line(text)
 
     def stop(self) -> None:
-        """Leave the terminal as it was."""
+        """Remove the bar from the terminal."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

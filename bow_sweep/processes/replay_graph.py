@@ -1,8 +1,9 @@
-"""Judges a bag through DDS: the recorded plan and streams go to a classifier node of its own process, verdicts return.
+"""Classifies a bag through DDS: the recorded plan and streams go to a classifier process, which returns verdicts.
 
-The graph lives in a namespace of its own, ``/bow/replay_<run_id>_<random>``, on this machine. It has the parts of a
-live one as the classifier sees them: who says the plan is the coordinator, and coordinator and recorder listen to
-verdicts. No more chunks are under way than a simulator's credit allows, so memory stays bounded as in a live run.
+The graph has a namespace of its own, ``/bow/replay_<run_id>_<random>``, on this machine. To the classifier it looks
+like a live one: two nodes of this process take the names of coordinator and recorder, one publishes the plan and the
+streams, and both subscribe to verdicts. No more chunks are under way than the credit of one simulator, so memory is
+bounded as in a live run.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ from bow_sim.protocol.flow_control import LIMIT, LIMIT_BYTES
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import FIRST_HELLO_S
 from bow_sim.protocol.states import BlockState
-from bow_sweep.processes.interrupts import Ending
+from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.supervisor import GraphError, Supervisor, tail
 from bow_sweep.record.bag_contents import Chunks, Key, Survey
 
 CLASSIFIER = "classifier"
 LISTENERS = ("coordinator", "recorder")
-"""Who has to hear verdicts before the classifier takes itself for ready."""
+"""Roles that must receive verdicts before the classifier reports that it is ready."""
 
 KINDS = {"bridge_force": BridgeForce, "stick_slip": StickSlip}
 
 PATIENCE_S = 60.0
-"""Nothing takes so long: neither the classifier's start nor one chunk."""
+"""Limit for the classifier's start and for one chunk; both take much less."""
 
 
 def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
@@ -54,15 +55,15 @@ def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, 
     BagError
         Where a stored message cannot be read again.
     KeyboardInterrupt
-        Where the end is asked for by Ctrl-C or SIGTERM.
+        After Ctrl-C or SIGTERM.
     """
     apply_defaults()
     with (
-        Ending("stopping the classifier; a few seconds") as ending,
+        Interrupts("stopping the classifier; a few seconds") as interrupts,
         tempfile.TemporaryDirectory(prefix="bow-replay-") as logs,
         Chunks() as chunks,
     ):
-        graph = _Graph(survey, task, chunks, Path(logs), ending)
+        graph = _Graph(survey, task, chunks, Path(logs), interrupts)
         try:
             graph.open()
             yield from graph.verdicts()
@@ -71,30 +72,30 @@ def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, 
 
 
 def chunks_in_order(survey: Survey, task: Task) -> Iterator[Key]:
-    """Yield the chunks whose two messages are stored; of each block up to the first that is not whole."""
+    """Yield the chunks whose two messages are stored; of each block those before the first incomplete chunk."""
     force, slip = (survey.places[topic] for topic in ("bridge_force", "stick_slip"))
-    for block in range(task.blocks):
-        for chunk in range(task.chunks):
+    for block in range(task.outline.blocks):
+        for chunk in range(task.outline.chunks):
             if (block, chunk) not in force or (block, chunk) not in slip:
                 break
             yield block, chunk
 
 
 class _Graph:
-    """The classifier's process, and the nodes of this one that talk to it."""
+    """The classifier process, and the nodes of this process that exchange messages with it."""
 
-    def __init__(self, survey: Survey, task: Task, chunks: Chunks, logs: Path, ending: Ending) -> None:
-        self.survey, self.task, self.chunks, self.ending = survey, task, chunks, ending
-        self.namespace = f"/bow/replay_{task.run_id}_{random_id()[:8]}"
+    def __init__(self, survey: Survey, task: Task, chunks: Chunks, logs: Path, interrupts: Interrupts) -> None:
+        self.survey, self.task, self.chunks, self.interrupts = survey, task, chunks, interrupts
+        self.namespace = f"/bow/replay_{task.outline.run_id}_{random_id()[:8]}"
         self.supervisor = Supervisor(self.namespace, logs, {})
         self.context = rclpy.Context()
         rclpy.init(context=self.context, signal_handler_options=SignalHandlerOptions.NO)
         self.executor: Executor = EventsExecutor(context=self.context)
         self.nodes = [self._node(role) for role in LISTENERS]
         self.health = Health()
-        self._said = 0.0
+        self._hello_at = 0.0
         self.answers: deque[bytes] = deque()
-        self.states = np.zeros(task.blocks, np.uint8)
+        self.states = np.zeros(task.outline.blocks, np.uint8)
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
@@ -104,7 +105,7 @@ class _Graph:
 
     def _node(self, role: str) -> BowNode:
         node = BowNode(role, namespace=self.namespace, context=self.context)
-        node.become(Health.READY, "replays a bag", self.task.run_id)
+        node.become(Health.READY, "replays a bag", self.task.outline.run_id)
         self.executor.add_node(node)
         return node
 
@@ -117,21 +118,21 @@ class _Graph:
         if node is self.nodes[0] and not cdr.hello_from("Verdicts", data):
             self.answers.append(data)
 
-    def say_hello(self) -> None:
-        """Show the classifier our streams until it says that it hears them."""
+    def _say_hello(self) -> None:
+        """Publish empty stream messages until the classifier reports that they arrive."""
         now = time.monotonic()
-        if now - self._said >= FIRST_HELLO_S and not self._streams_are_heard():
-            self._said = now
+        if now - self._hello_at >= FIRST_HELLO_S and not self._streams_are_heard():
+            self._hello_at = now
             for topic, kind in KINDS.items():
                 self.streams[topic].publish(cdr.hello(kind.__name__, self.nodes[0].incarnation))
 
     def open(self) -> None:
-        """Start the classifier; return when it has the plan and everybody hears everybody."""
+        """Start the classifier; return when it has the plan and all subscriptions are connected."""
         self.supervisor.start(CLASSIFIER)
-        self.say_plan()
+        self._publish_plan()
         deadline = time.monotonic() + PATIENCE_S
         while not (self.health.state == Health.READY and self._streams_are_heard()):
-            self.spin(deadline, "the classifier is ready")
+            self._spin(deadline, "the classifier is ready")
             if self.health.state == Health.FAILED:
                 raise GraphError(f"the classifier does not take the plan: {self.health.detail}")
 
@@ -139,62 +140,63 @@ class _Graph:
         known = self.nodes[0].neighbours.get(self.health.incarnation)
         return known is not None and set(KINDS) <= known.hears
 
-    def say_plan(self) -> None:
-        """Publish the plan of the bag as one in progress, with the thresholds and settled blocks of the replay."""
-        others = [line for line in self.survey.plan["spec.settings"] if not line.startswith("classifier.")]
-        mine = [f"classifier.{line}" for line in self.task.thresholds.settings()]
+    def _publish_plan(self) -> None:
+        """Publish the plan of the bag as an open one, with the thresholds of the replay and the state of its blocks."""
+        recorded = [line for line in self.survey.plan["spec.settings"] if not line.startswith("classifier.")]
+        thresholds = [f"classifier.{line}" for line in self.task.thresholds.settings()]
         changed = {
             "epoch": 1,
             "state": Plan.OPEN,
-            "spec.settings": sorted(others + mine),
+            "spec.settings": sorted(recorded + thresholds),
             "classifier": self.task.thresholds.hash,
             "block_states": self.states,
             "incarnation": self.nodes[0].incarnation,
         }
         self.plan.publish(cdr.encode("Plan", {**self.survey.plan, **changed}))
 
-    def spin(self, deadline: float, until: str) -> None:
-        """Take in what comes; raise where the classifier is gone or `deadline` has passed."""
-        self.say_hello()
+    def _spin(self, deadline: float, until: str) -> None:
+        """Take in messages; raise GraphError where the classifier has exited or `deadline` has passed."""
+        self._say_hello()
         self.executor.spin_once(timeout_sec=0.1)
-        self.ending.check()
-        for death in self.supervisor.buried():
-            raise GraphError(f"the classifier ended ({death.cause}):\n{tail(death.child.log)}")
+        self.interrupts.check()
+        for exit_ in self.supervisor.exited():
+            raise GraphError(f"the classifier ended ({exit_.cause}):\n{tail(exit_.child.log)}")
         if time.monotonic() > deadline:
             logs = "\n".join(tail(child.log) for child in self.supervisor.children)
             raise GraphError(f"waited {PATIENCE_S:g} s until {until}:\n{logs}")
 
     def verdicts(self) -> Iterator[tuple[Key, dict[str, Any]]]:
-        """Yield what the classifier says of each chunk."""
+        """Yield the fields of Verdicts of each chunk."""
         todo = chunks_in_order(self.survey, self.task)
-        left = np.zeros(self.task.blocks, int)
+        left = np.zeros(self.task.outline.blocks, int)
         for block, _ in chunks_in_order(self.survey, self.task):
             left[block] += 1
-        waiting: dict[Key, int] = {}  # with their bytes
+        under_way: dict[Key, int] = {}  # chunk -> bytes sent
         while True:
-            while (
-                len(waiting) < LIMIT and sum(waiting.values()) < LIMIT_BYTES and (key := next(todo, None)) is not None
-            ):
-                waiting[key] = self._send(key)
-            if not waiting:
+            while len(under_way) < LIMIT and sum(under_way.values()) < LIMIT_BYTES:
+                key = next(todo, None)
+                if key is None:
+                    break
+                under_way[key] = self._send(key)
+            if not under_way:
                 return
             deadline = time.monotonic() + PATIENCE_S
             while not self.answers:
-                self.spin(deadline, f"block {min(waiting)[0]}, chunk {min(waiting)[1]} is judged")
+                self._spin(deadline, f"block {min(under_way)[0]}, chunk {min(under_way)[1]} is judged")
             while self.answers:
                 values = cdr.unseal("Verdicts", self.answers.popleft())
                 key = (values["block"], values["chunk"])
-                if key not in waiting:
+                if key not in under_way:
                     continue
-                del waiting[key]
+                del under_way[key]
                 yield key, values
                 left[key[0]] -= 1
-                if not left[key[0]]:  # as a live coordinator does: the classifier then forgets the block
+                if not left[key[0]]:  # as in a live run: the classifier then drops what it keeps of the block
                     self.states[key[0]] = BlockState.DONE
-                    self.say_plan()
+                    self._publish_plan()
 
     def _send(self, key: Key) -> int:
-        """Publish a chunk's messages; return their bytes."""
+        """Publish the messages of a chunk; return their size in bytes."""
         size = 0
         for topic, publisher in self.streams.items():
             message = self.chunks.read(self.survey.places[topic][key])

@@ -1,4 +1,4 @@
-"""The roles of the graph's processes, the module of each, and how a new Python becomes one of them."""
+"""The roles of the processes of a graph, the module of each, and how a new Python process runs a node."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ CHILD = (
     "import sys; sys.path[:] = [sys.argv.pop(1), *filter(None, sys.path)]; import bow_sim, bow_classifier, bow_sweep; "
     "del sys.path[0]; from bow_sweep.processes.roles import node; sys.exit(node())"
 )
-"""Code of a new Python process that becomes a node: it imports our packages from where the parent has them (the first
-argument), and nothing from the working directory."""
+"""Code of a new Python process that runs a node. Arguments: the folder of our packages, the module, the node's own.
+
+Our packages are imported from where the parent has them, and nothing from the working directory.
+"""
 
 
 def node() -> int:

@@ -1,4 +1,4 @@
-"""`bow sweep`: a graph on this machine, from its first process to the finished run directory."""
+"""The graph of `bow sweep` on this machine, from its first process to the finished run directory."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from typing import Any
 import numpy as np
 
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.processes.interrupts import Ending
+from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
 from bow_sweep.processes.supervisor import Supervisor
 from bow_sweep.run.directory import REPORT, RunError, is_finished, read_ledger
 
 LOGS = "log"
 AT_ONCE, BETWEEN_S = 8, 0.1
-"""So many simulators, or one a core, are started at once, the others so long after one another: each begins by using a
-whole core."""
+"""This many simulators, or one for each core if that is more, start at once; the others at this interval. Each uses a
+whole core while it starts."""
 
 INSPECTED = 6
-"""Cells whose waveforms the dashboard shows unless told else."""
+"""Cells whose waveforms the dashboard shows by default."""
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
-    """Return cells spread over the plane, for their waveforms to be shown; some that are planned at the beginning."""
+    """Return cells whose waveforms are shown: spread over the plane, from the blocks of the first round."""
     columns = np.unique(np.linspace(0, sweep.x.count - 1, INSPECTED // 2 + 2).astype(int)[1:-1])
     rows = np.unique(np.linspace(0, sweep.y.count - 1, 4).astype(int)[1:-1])
     y, x = np.divmod(np.flatnonzero(sweep.first_blocks.planned), sweep.x.count)
@@ -37,7 +37,7 @@ def inspected_cells(sweep: Sweep) -> list[int]:
 
 
 def has_finished(directory: Path) -> bool:
-    """Return whether the latest coordinator of a run has written its report, which is the last that it does."""
+    """Return whether the latest coordinator of a run has written its report, the last thing that it does."""
     try:
         entries = read_ledger(directory)
         report = json.loads((directory / REPORT).read_text())
@@ -47,7 +47,7 @@ def has_finished(directory: Path) -> bool:
     return is_finished(directory, entries) and report.get("epoch") == latest
 
 
-def conduct(
+def run_graph(
     directory: Path,
     run_id: str,
     sweep: Sweep,
@@ -59,29 +59,38 @@ def conduct(
     sync: bool = True,
     lock: bool = True,
 ) -> list[Path]:
-    """Run the graph until the run in `directory` is finished; return the logs of what was left out of it.
+    """Run a graph until the run in `directory` is finished.
 
     Parameters
     ----------
     directory
         Run directory; exists.
+    run_id, sweep
+        The run.
     resume
-        Go on with the run that is there.
+        Resume the run that is in the directory.
     simulators
-        Processes in the pool.
+        Number of simulator processes.
     dashboard
-        ROS parameters of the dashboard, None for none.
+        ROS parameters of the dashboard; None for no dashboard.
+    display
+        Shows the progress.
     sync
         A block is done only when it is on the disk.
     lock
         Lock the run directory.
 
+    Returns
+    -------
+    list
+        Logs of the processes that the sweep went on without.
+
     Raises
     ------
     GraphError
-        Where the graph cannot go on; the run can be resumed once the cause is mended.
+        Where the graph cannot go on; the run can be resumed when the cause is removed.
     KeyboardInterrupt
-        After Ctrl-C or SIGTERM; everything has been stopped in order.
+        After Ctrl-C or SIGTERM; all processes have been stopped in order.
     """
     coordinator: dict[str, object] = {"once": True, "dashboard": dashboard is not None, "lock": lock}
     if resume:
@@ -97,40 +106,39 @@ def conduct(
     }
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory))
     finished = False
-    gc.disable()  # nothing that the start loads becomes garbage
-    with Ending("stopping the processes; a few seconds") as ending:
+    gc.disable()  # no garbage arises while modules are imported
+    with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
             for role in ("coordinator", "recorder"):
                 supervisor.start(role)
-            with ending.at_once():
+            with interrupts.immediate():
                 _load_compiled(sweep)
             supervisor.start("classifier")
             for number in range(simulators):
                 if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
                     time.sleep(BETWEEN_S)
-                    ending.check()
+                    interrupts.check()
                 supervisor.start("simulator")
-            if dashboard is not None:  # last, as nobody waits for it
+            if dashboard is not None:  # last: no other process waits for it
                 supervisor.start("dashboard")
-            from bow_sweep.processes.supervisor_node import (
-                watch,  # it loads ROS: a process with DDS should not be copied
-            )
+            # Imported here because it loads ROS: a process with DDS entities must not be forked.
+            from bow_sweep.processes.supervisor_node import watch
 
             gc.enable()
-            watch(supervisor, display, ending)
+            watch(supervisor, display, interrupts)
             finished = True
         finally:
             killed = supervisor.stop(idle=finished)
             gc.enable()
             if killed:
-                display.say(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
+                display.print_line(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
     return supervisor.left_out
 
 
 def _load_compiled(sweep: Sweep) -> None:
-    """Load the kernel and the tests, or compile them where they never were: processes copied from here have them."""
-    from bow_classifier.precompile import warm
+    """Load the compiled kernel and classifier, or compile them: processes forked later have them already."""
+    from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
 
     Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
-    warm()
+    precompile()

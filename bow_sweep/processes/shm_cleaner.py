@@ -1,8 +1,8 @@
-"""A process beside a supervisor: it sees what its processes have in shared memory, and removes what dead ones leave.
+"""The shared-memory cleaner: a process beside a supervisor that removes the files of processes that have exited.
 
-It is no thread, as it has to be there before the first of them is copied from the supervisor, and no part of the
-supervisor, as it outlives one that is killed. Where it is killed too, a note beside the logs says what there was, and
-the next one of that run sees to it.
+It is a process and not a thread, because it must exist before the first child is forked from the supervisor, and a
+fork copies only one thread. It is not part of the supervisor, because it must outlive a supervisor that is killed.
+A note beside the logs lists the files it knows; where the cleaner is killed too, the next one of that run removes them.
 """
 
 from __future__ import annotations
@@ -22,232 +22,230 @@ from inotify_simple import INotify, flags
 
 from bow_sim.graph import shm_files
 from bow_sim.graph.discovery import SHARED_MEMORY
+from bow_sim.graph.process_stat import start_of
+from bow_sweep.processes.exit_status import DONE, FAILED
 from bow_sweep.processes.fork import Forked
 
 NOTE = "shared_memory"
-"""Begin of the names of notes; the rest is the number of the janitor's process."""
+"""Notes are named ``shared_memory.<pid of the cleaner>``."""
 
-LOOK_S = 0.02
-"""Between two looks at what the processes have, while new files appear; a look at one takes 0.2 ms."""
+SCAN_S = 0.02
+"""Interval of scans of all processes while new files appear; a scan of one process takes 0.2 ms."""
 
 SETTLE_S = 0.1
-"""So long after a file was made, whose it is has shown."""
+"""A file has this long after its creation to show up among the files of its process."""
 
 LEAVE_S = 30.0
-"""So long a janitor waits for processes that outlive their supervisor."""
+"""A cleaner without a supervisor waits this long for the other processes to exit."""
+
+CLOSE = 0
+"""Written in place of a process number: all processes but the supervisor have exited."""
 
 
-class House:
-    """What processes have in shared memory, and what was left by those that have died.
+class SharedFiles:
+    """The shared-memory files of some processes, and those left by processes that have exited.
 
     Parameters
     ----------
     logs
-        Directory with the notes of those before us, and place for ours.
+        Directory of the notes: those of earlier cleaners, which are read, and the one of this process.
     """
 
     def __init__(self, logs: Path) -> None:
         self._notes = set(logs.glob(f"{NOTE}.*"))
         self._note = logs / f"{NOTE}.{os.getpid()}"
         self._files: dict[int, set[str]] = {}
-        self.asks: set[str] = set()
-        """Locks made just now, by nobody knows whom."""
+        self.unowned: set[str] = set()
+        """Lock files created recently whose process is not known yet."""
         self._left = shm_files.remove(set[str]().union(*map(shm_files.noted, self._notes)))
 
-    def enter(self, pid: int) -> None:
-        """A process has been started."""
+    def add(self, pid: int) -> None:
+        """Take in a process that has been started."""
         self._files[pid] = set()
-        self._take(pid, shm_files.files_of(pid))
+        self._assign(pid, shm_files.files_of(pid))
 
-    def make(self, names: Iterable[str]) -> None:
-        """Files of these names have been made just now: what is lent says by whom; whose a lock is, a look says."""
+    def created(self, names: Iterable[str]) -> None:
+        """Take in names of files that were just created.
+
+        Data-sharing file names encode the owner's process number; for locks, :meth:`scan` has to look in /proc.
+        """
         for file in (f"{SHARED_MEMORY}/{name}" for name in names):
             owner = shm_files.owner(file)
             if shm_files.is_lock(file):
-                self.asks.add(file)
+                self.unowned.add(file)
             for pid in self._files:
                 if owner == pid % shm_files.OWNERS:
-                    self._take(pid, {file})
+                    self._assign(pid, {file})
 
-    def look(self) -> None:
-        """Look at what the living have."""
+    def scan(self) -> None:
+        """Look for new files of all processes in /proc."""
         for pid, files in self._files.items():
-            self._take(pid, shm_files.files_of(pid, files))
+            self._assign(pid, shm_files.files_of(pid, files))
 
-    def _take(self, pid: int, files: set[str]) -> None:
+    def _assign(self, pid: int, files: set[str]) -> None:
         if files - self._files[pid]:
             shm_files.note(self._note, files - self._files[pid])
             self._files[pid] |= files
-            self.asks -= files
+            self.unowned -= files
 
-    def leave(self, pid: int) -> None:
-        """A process has died."""
+    def exited(self, pid: int) -> None:
+        """Remove the files of a process that has exited, as far as no other process uses them."""
         self._left = shm_files.remove(self._left | self._files.pop(pid, set()))
 
     def close(self) -> None:
-        """All have died: remove the last of it, and the notes. What somebody else has by now is theirs."""
+        """Remove what is left, and the notes, when all processes have exited; files that others use by now stay."""
         for pid in list(self._files):
-            self.leave(pid)
+            self.exited(pid)
         shm_files.remove(self._left, ports=True)
         for note in self._notes | {self._note}:
             note.unlink(missing_ok=True)
 
 
-class Janitor:
-    """Starts the process; begin with it before there are others.
+class ShmCleaner:
+    """Starts the cleaner process. Create it before other children: it has to be a fork without threads.
 
     Parameters
     ----------
     logs
         Directory for its log and its note.
     name
-        What it is called in lists of processes.
+        Shown in lists of processes.
     pids
-        Processes to have an eye on, of which this one has not yet taken the exit status: no other has their numbers.
+        Children that are running, or whose exit status was not taken yet: their numbers are not in use by others.
     """
 
     def __init__(self, logs: Path, name: str, pids: Iterable[int]) -> None:
         self._logs = logs
-        heard, told = os.pipe()
-        self._told = open(told, "wb", buffering=0)  # noqa: SIM115  # as long as this object
-        self._process = Forked(partial(_main, heard, logs, name), logs / "janitor.log", keep=heard)
-        os.close(heard)
+        receives, sends = os.pipe()
+        self._pipe = open(sends, "wb", buffering=0)  # noqa: SIM115  # open as long as this object
+        self._process = Forked(partial(_main, receives, logs, name), logs / "shm_cleaner.log", keep=receives)
+        os.close(receives)
         for pid in (os.getpid(), *pids):
-            self.tell(pid)
+            self.watch(pid)
 
     @property
-    def died(self) -> bool:
-        """Whether it has ended before it was told to; another one knows by its note what there was."""
+    def has_exited(self) -> bool:
+        """Whether the process has exited without being told to. Another one learns from its note what there was."""
         return self._process.poll() is not None
 
-    def tell(self, pid: int) -> None:
-        """Have an eye on one more process."""
+    def watch(self, pid: int) -> None:
+        """Tell the cleaner of one more process."""
         with contextlib.suppress(BrokenPipeError):
-            self._told.write(b"%d\n" % pid)
+            self._pipe.write(b"%d\n" % pid)
 
     def close(self, timeout: float) -> None:
-        """Have the last of it removed, now that all but this process have ended; after `timeout` seconds without it."""
-        self.tell(CLOSE)
-        self._told.close()
+        """Have the last files removed when all other processes have exited; after `timeout` seconds, do it here."""
+        self.watch(CLOSE)
+        self._pipe.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout)
         self._process.kill()
         if self._process.wait():
-            House(self._logs).close()
+            SharedFiles(self._logs).close()
 
 
-CLOSE = 0
-"""Said instead of the number of a process: the supervisor has no others, and lives on."""
-
-
-def _main(heard: int, logs: Path, name: str) -> int:
-    """Be the janitor, in a process of its own and out of the terminal's reach."""
+def _main(pipe: int, logs: Path, name: str) -> int:
+    """Run the cleaner process, in a process group of its own: Ctrl-C of the terminal must not reach it."""
     os.setpgid(0, 0)
-    setproctitle.setproctitle(f"bow janitor {name}")
+    setproctitle.setproctitle(f"bow shm_cleaner {name}")
     gc.enable()
     with selectors.DefaultSelector() as selector:
-        return _keep(House(logs), heard, _made(), selector)
+        return _run(SharedFiles(logs), pipe, _inotify(), selector)
 
 
-def _made() -> INotify | None:
-    """Return what tells of new files in shared memory; None where the system has no more of these."""
+def _inotify() -> INotify | None:
+    """Return what reports new files in shared memory; None where the system has no inotify instance left."""
     try:
-        made = INotify()
-        made.add_watch(SHARED_MEMORY, flags.CREATE)
+        inotify = INotify()
+        inotify.add_watch(SHARED_MEMORY, flags.CREATE)
     except OSError:
         return None
-    return made
+    return inotify
 
 
-def _keep(house: House, heard: int, made: INotify | None, selector: selectors.BaseSelector) -> int:
-    """Keep house until the supervisor says so, or all have died; return 0, or 1 where some did not in time."""
-    for source in filter(None, (heard, made)):
+def _run(files: SharedFiles, pipe: int, inotify: INotify | None, selector: selectors.BaseSelector) -> int:
+    """Remove files until the supervisor tells to end, or all processes have exited.
+
+    Returns
+    -------
+    int
+        Exit status: `DONE`, or `FAILED` where processes without a supervisor did not exit in time.
+    """
+    for source in filter(None, (pipe, inotify)):
         selector.register(source, selectors.EVENT_READ)
-    living = _Living(selector)
-    settled, deadline = 0.0, 0.0  # until then it shows whose new locks are; processes without supervisor may end
-    while living or not deadline:
-        pause = LOOK_S if made is None or deadline or house.asks or living.looked_at else None
-        ready = {key.fd for key, _ in selector.select(pause)}
+    processes = _Processes(selector)
+    settled = 0.0  # until then the owners of new lock files can still show up
+    deadline = 0.0  # for processes without a supervisor to exit; 0 while there is one
+    while processes or not deadline:
+        must_poll = inotify is None or deadline or files.unowned or processes.polled
+        ready = {key.fd for key, _ in selector.select(SCAN_S if must_poll else None)}
         now = time.monotonic()
         if deadline and now > deadline:
-            return 1
-        if made is not None and made.fileno() in ready:
-            house.make([event.name for event in made.read(timeout=0)])
+            return FAILED
+        if inotify is not None and inotify.fileno() in ready:
+            files.created([event.name for event in inotify.read(timeout=0)])
             settled = now + SETTLE_S
-        elif now > settled:  # a stranger's
-            house.asks.clear()
-        if heard in ready:
-            said = [int(word) for word in os.read(heard, 1 << 16).split()]
-            if CLOSE in said:
+        elif now > settled:  # what is still unowned belongs to processes that are not ours
+            files.unowned.clear()
+        if pipe in ready:
+            numbers = [int(number) for number in os.read(pipe, 1 << 16).split()]
+            if CLOSE in numbers:
                 break
-            if not said:  # the supervisor has died
-                selector.unregister(heard)
+            if not numbers:  # end of the pipe: the supervisor has exited
+                selector.unregister(pipe)
                 deadline = now + LEAVE_S
-            for pid in said:
-                house.enter(pid)
-                if not living.add(pid):
-                    house.leave(pid)
-        if made is None or house.asks:
-            house.look()
-        for pid in living.ended(ready):
-            house.leave(pid)
-    house.close()
-    return 0
+            for pid in numbers:
+                files.add(pid)
+                if not processes.add(pid):
+                    files.exited(pid)
+        if inotify is None or files.unowned:
+            files.scan()
+        for pid in processes.exited(ready):
+            files.exited(pid)
+    files.close()
+    return DONE
 
 
-class _Living:
-    """Processes until they end: the system tells of it, or they are looked at where it has no pidfd.
+class _Processes:
+    """Running processes: the kernel reports their exit through a pidfd; where it has none, /proc is polled.
 
     Parameters
     ----------
     selector
-        Gets the descriptors of those of which the system tells.
+        The pidfds are registered here.
     """
 
     def __init__(self, selector: selectors.BaseSelector) -> None:
         self._selector = selector
-        self._told: dict[int, int] = {}  # pidfd -> process
-        self.looked_at: dict[int, str] = {}  # process -> its beginning
+        self._pidfds: dict[int, int] = {}  # pidfd -> process number
+        self.polled: dict[int, int] = {}
+        """Process number -> start, in clock ticks since boot."""
 
     def __len__(self) -> int:
-        return len(self._told) + len(self.looked_at)
+        return len(self._pidfds) + len(self.polled)
 
     def add(self, pid: int) -> bool:
-        """Take in a process; return whether it lives."""
+        """Take in a process; return whether it is running."""
         try:
             descriptor = os.pidfd_open(pid)
         except ProcessLookupError:
             return False
-        except (OSError, AttributeError):  # an old kernel, a sandbox, or a Python made on one
-            began = _beginning(pid)
-            if began:
-                self.looked_at[pid] = began
-            return bool(began)
-        self._told[descriptor] = pid
+        except (OSError, AttributeError):  # an old kernel, a sandbox, or a Python built on an old kernel
+            started = start_of(pid)
+            if started is not None:
+                self.polled[pid] = started
+            return started is not None
+        self._pidfds[descriptor] = pid
         self._selector.register(descriptor, selectors.EVENT_READ)
         return True
 
-    def ended(self, ready: set[int]) -> list[int]:
-        """Return the processes that have ended, `ready` being the descriptors with news; they are forgotten."""
-        gone = [pid for pid, began in self.looked_at.items() if _beginning(pid) != began]
+    def exited(self, ready: set[int]) -> list[int]:
+        """Return and forget the processes that have exited; `ready` are the descriptors that can be read."""
+        gone = [pid for pid, started in self.polled.items() if start_of(pid) != started]
         for pid in gone:
-            del self.looked_at[pid]
-        for descriptor in ready & self._told.keys():
-            gone.append(self._told.pop(descriptor))
+            del self.polled[pid]
+        for descriptor in ready & self._pidfds.keys():
+            gone.append(self._pidfds.pop(descriptor))
             self._selector.unregister(descriptor)
             os.close(descriptor)
         return gone
-
-
-def _beginning(pid: int) -> str:
-    """Return when a process began, as the system counts it; "" where it has ended."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")
-    except OSError:
-        return ""
-    state, *numbers = stat.rpartition(")")[2].split()
-    return "" if state in "ZX" else numbers[_STARTTIME]
-
-
-_STARTTIME = 18
-"""Place of the beginning in /proc/PID/stat, counted behind the state."""

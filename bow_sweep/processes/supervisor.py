@@ -1,4 +1,4 @@
-"""The processes of a graph on this machine: started, watched, started again, stopped, none left behind."""
+"""The supervisor: starts, restarts and stops the processes of a graph on this machine, and leaves none behind."""
 
 from __future__ import annotations
 
@@ -18,30 +18,31 @@ from pathlib import Path
 import setproctitle
 
 from bow_sim.graph.shm_notes import SUPERVISED, work_off
-from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Started
+from bow_sweep.processes.exit_status import DONE
+from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
 from bow_sweep.processes.roles import CHILD, MODULES
-from bow_sweep.processes.shm_cleaner import Janitor
+from bow_sweep.processes.shm_cleaner import ShmCleaner
 
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
-"""Sources first, so that the recorder still hears what was under way."""
+"""Sources first, so that the recorder still receives the messages under way."""
 
 STOP_S, LEAST_STOP_S = 15.0, 3.0
-"""All processes have this long after a polite signal before they are killed, and those of each role at least that."""
+"""Time from SIGINT to SIGKILL: so long for all processes together, and at least so long for those of each role."""
 
 CRASHES = 5
 CRASHES_WITHIN_S = 20.0
-"""A role that dies this often within this time will not come to life by starting it again."""
+"""A role that exits this often within this time is not restarted any more."""
 
 SPECTATORS = ("dashboard",)
-"""Roles that are only for looking at: one that cannot live is left out."""
+"""Roles that only show the sweep: it goes on without one that cannot run."""
 
-NAMED = 5
-"""Arguments of a node that say which it is: ``--ros-args``, its name, its namespace."""
+TITLE_ARGUMENTS = 5
+"""Arguments of a node in its process title: ``--ros-args``, its name, its namespace."""
 
 NICE = {"dashboard": 10}
-"""Pictures wait where cores are short; the sweep does not."""
+"""Scheduling priority (nice value): where cores are short, pictures wait and the sweep does not."""
 
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 ROS_LOGS = "ROS_LOG_DIR"
 
@@ -52,31 +53,43 @@ class GraphError(Exception):
 
 @dataclass
 class Child:
-    """One process of the graph."""
+    """One process of the graph.
+
+    Attributes
+    ----------
+    role, name
+        A key of :data:`bow_sweep.processes.roles.MODULES`, and the name of the node.
+    log
+        File with its stdout and stderr.
+    started
+        When it was started, seconds of the monotonic clock.
+    worked
+        It has been ready.
+    """
 
     role: str
     name: str
     process: Process
     log: Path
     started: float = field(default_factory=time.monotonic)
-    worked: bool = False  # it was ready once
+    worked: bool = False
 
-    def ask_to_end(self) -> None:
-        """Ask politely; it hears it even where it was stopped."""
+    def interrupt(self) -> None:
+        """Send SIGINT, and SIGCONT before it: a stopped process would not get it."""
         self.process.send_signal(signal.SIGCONT)
         self.process.send_signal(signal.SIGINT)
 
 
 @dataclass(frozen=True)
-class Death:
-    """A process that ended by itself."""
+class Exit:
+    """The exit of a process that nobody has stopped."""
 
     child: Child
     status: int
 
     @property
     def cause(self) -> str:
-        """What ended it, for people."""
+        """The exit status or signal, as text for people."""
         if self.status == UNKNOWN:
             return "exit status unknown: taken by another part of this process"
         if self.status < 0:
@@ -85,19 +98,20 @@ class Death:
         return f"exit status {self.status}"
 
 
-def _be_a_child(role: str) -> None:
-    """Run in the child first of all: get SIGTERM when the supervisor dies, and no Ctrl-C of the terminal."""
+def _prepare_child(role: str) -> None:
+    """Set up a child process: SIGTERM when the supervisor exits, and no Ctrl-C from the terminal."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
     os.nice(NICE.get(role, 0))
     os.setpgid(0, 0)
 
 
-def _main(role: str, name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
-    """Be a node in a copy of the supervisor: under its own name, as if the command had started it."""
-    _be_a_child(role)
+def _run_node(role: str, name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
+    """Run a node in a copy of the supervisor, under its own name, as if the command had started it."""
+    _prepare_child(role)
     os.environ.update(environment)
     module, *arguments = command
-    setproctitle.setproctitle(f"bow {' '.join(arguments[:NAMED])}")  # ROS names a log file by it, so it must be short
+    # ROS names a log file by the title, so it must be short.
+    setproctitle.setproctitle(f"bow {' '.join(arguments[:TITLE_ARGUMENTS])}")
     setproctitle.setthreadtitle(name)
     sys.argv = [module, *arguments]
     status: int = importlib.import_module(module).main()
@@ -105,18 +119,18 @@ def _main(role: str, name: str, command: Sequence[str], environment: Mapping[str
 
 
 class Supervisor:
-    """Starts one process a role (and several simulators) in a namespace and keeps them alive.
+    """Starts the processes of a graph, one for each role and several simulators, and restarts those that exit.
 
     Parameters
     ----------
     namespace
         ROS namespace of the graph.
     logs
-        Directory for one log file a process.
+        Directory for the log files, one for each process.
     parameters
         Role -> ROS parameters of its nodes.
     finished
-        Whether the work is done, as far as the disk says: asked where the coordinator's exit status is unknown.
+        Returns whether the files of the run are complete. Called where the coordinator's exit status is unknown.
     """
 
     def __init__(
@@ -128,42 +142,43 @@ class Supervisor:
     ) -> None:
         self.namespace, self.logs, self.parameters, self._finished = namespace, logs, parameters, finished
         self.children: list[Child] = []
-        self._leaving: list[Child] = []
+        self._released: list[Child] = []
         self._count: dict[str, int] = {}
-        self._deaths: dict[str, list[float]] = {}
+        self._exits: dict[str, list[float]] = {}  # role -> when its processes exited
         self.left_out: list[Path] = []
-        """Logs of the processes that are not started again, though the graph goes on."""
-        self._janitor: Janitor | None = None
+        """Logs of the processes that are not restarted, though the graph goes on."""
+        self._cleaner: ShmCleaner | None = None
         logs.mkdir(parents=True, exist_ok=True)
         work_off()
         self._logs_before = os.environ.get(ROS_LOGS)
-        os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process as for those of its children
+        os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process and of its children
 
     def start(self, role: str) -> Child:
-        """Start a process; simulators get a new name each time, so that nobody mistakes one for its predecessor."""
+        """Start a process. Each simulator gets a new name, so that nobody takes one for its predecessor."""
         self._count[role] = self._count.get(role, 0) + 1
         name = f"simulator_{self._count[role]}" if role == "simulator" else role
         log = self.logs / f"{name}.log"
-        janitor = self._hire()
+        cleaner = self._running_cleaner()
         command = [MODULES[role], "--ros-args", *self._arguments(role, name)]
         environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         process: Process
-        if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack other threads
-            process = Forked(partial(_main, role, name, command, environment), log)
+        if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack the other threads
+            process = Forked(partial(_run_node, role, name, command, environment), log)
         else:
-            python = [sys.executable, "-c", CHILD, str(Path(__file__).parent.parent)]
-            process = Started([*python, *command], log, {**os.environ, **environment}, partial(_be_a_child, role))
-        janitor.tell(process.pid)
+            python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]
+            process = Spawned([*python, *command], log, {**os.environ, **environment}, partial(_prepare_child, role))
+        cleaner.watch(process.pid)
         child = Child(role, name, process, log)
         self.children.append(child)
         return child
 
-    def _hire(self) -> Janitor:
-        """Return the janitor: at first, and where it was killed, a new one."""
-        if self._janitor is None or self._janitor.died:
-            pids = [child.process.pid for child in [*self.children, *self._leaving] if child.process.returncode is None]
-            self._janitor = Janitor(self.logs, self.namespace, pids)
-        return self._janitor
+    def _running_cleaner(self) -> ShmCleaner:
+        """Return the shared-memory cleaner; start one at first, and where it has exited."""
+        if self._cleaner is None or self._cleaner.has_exited:
+            known = [child.process for child in [*self.children, *self._released]]
+            pids = [process.pid for process in known if process.returncode is None]
+            self._cleaner = ShmCleaner(self.logs, self.namespace, pids)
+        return self._cleaner
 
     def _arguments(self, role: str, name: str) -> list[str]:
         arguments = ["-r", f"__node:={name}", "-r", f"__ns:={self.namespace}", "--log-file-name", name]
@@ -171,100 +186,110 @@ class Supervisor:
             arguments += ["-p", f"{key}:={_yaml(value)}"]
         return arguments
 
-    def buried(self) -> list[Death]:
-        """Return the processes that have ended since the last call; they are no longer children."""
-        ended = [(child, status) for child in self.children if (status := child.process.poll()) is not None]
-        if self._janitor is not None:
-            self._hire()
-        gone = [Death(child, self._meant(child, status)) for child, status in ended]
+    def exited(self) -> list[Exit]:
+        """Return the processes that have exited since the last call; they are no longer children."""
+        exits = [(child, status) for child in self.children if (status := child.process.poll()) is not None]
+        if self._cleaner is not None:
+            self._running_cleaner()
+        gone = [Exit(child, self._effective_status(child, status)) for child, status in exits]
         self.children = [child for child in self.children if child.process.returncode is None]
         return gone
 
-    def leaves_out(self, death: Death) -> str:
-        """Return why a process that is only for looking at is not started again, for people, or "".
+    def why_left_out(self, exit_: Exit) -> str:
+        """Return why a spectator is not restarted, as text for people; "" for a process to restart.
 
-        One that failed before it came to work would do so again; the others may end as often as a role may crash.
+        One that failed before it was ready would fail again. Others may exit up to `CRASHES` times.
         """
-        child = death.child
+        child = exit_.child
         if child.role not in SPECTATORS:
             return ""
-        ends = self._deaths[child.role] = [*self._deaths.get(child.role, []), time.monotonic()]
-        failed = death.status in range(1, 256)
-        if len(ends) < CRASHES and (child.worked or not failed):
+        exits = self._exits[child.role] = [*self._exits.get(child.role, []), time.monotonic()]
+        failed = exit_.status in range(1, 256)
+        if len(exits) < CRASHES and (child.worked or not failed):
             return ""
         self.left_out.append(child.log)
-        times = f"ended {len(ends)} times, at last: " if len(ends) > 1 else ""
+        times = f"ended {len(exits)} times, at last: " if len(exits) > 1 else ""
         last = tail(child.log, 1).partition(f"{child.log.name}: ")[2] if failed else ""
-        return f"{times}{death.cause}" + (f": {last}" if last else "")
+        return f"{times}{exit_.cause}" + (f": {last}" if last else "")
 
-    def _meant(self, child: Child, status: int) -> int:
-        """Return the exit status of a child, 0 where it had done its work."""
-        late = status == -signal.SIGALRM  # see ros.LEAVE_S
+    def _effective_status(self, child: Child, status: int) -> int:
+        """Return the exit status of a child; 0 where it had done its work before."""
+        late = status == -signal.SIGALRM  # DDS did not let it exit, see node_base.LEAVE_S
         done = status == UNKNOWN and child.role == "coordinator" and self._finished()
-        return 0 if late or done else status
+        return DONE if late or done else status
 
-    def revive(self, death: Death) -> Child:
-        """Start a process again.
+    def restart(self, exit_: Exit) -> Child:
+        """Start a process in place of one that has exited.
 
-        Simulators that came to work and died of it are the ledger's to judge: it gives up the block, not the sweep.
+        A simulator that exits at work is restarted without a limit: the ledger quarantines the block that causes it.
 
         Raises
         ------
         GraphError
-            Where its role dies again and again.
+            Where its role exits again and again.
         """
-        if (death.child.role == "simulator" and death.child.worked) or death.child.role in SPECTATORS:
-            return self.start(death.child.role)
+        child = exit_.child
+        if (child.role == "simulator" and child.worked) or child.role in SPECTATORS:
+            return self.start(child.role)
         now = time.monotonic()
-        deaths = [when for when in self._deaths.get(death.child.role, []) if now - when < CRASHES_WITHIN_S]
-        self._deaths[death.child.role] = [*deaths, now]
-        short_lived = now - death.child.started < CRASHES_WITHIN_S / CRASHES
-        if len(deaths) + 1 >= CRASHES and short_lived and death.status >= 0:
-            raise GraphError(f"{death.child.name} ended {CRASHES} times ({death.cause}):\n{tail(death.child.log)}")
-        return self.start(death.child.role)
+        recent = [when for when in self._exits.get(child.role, []) if now - when < CRASHES_WITHIN_S]
+        self._exits[child.role] = [*recent, now]
+        short_lived = now - child.started < CRASHES_WITHIN_S / CRASHES
+        if len(recent) + 1 >= CRASHES and short_lived and exit_.status >= 0:
+            raise GraphError(f"{child.name} ended {CRASHES} times ({exit_.cause}):\n{tail(child.log)}")
+        return self.start(child.role)
 
     def release(self, roles: Sequence[str]) -> None:
-        """Tell processes whose work is over to end; nobody waits for them, or misses them."""
+        """Interrupt the processes of roles whose work is over; do not wait for them, nor report their exit."""
         going = [child for child in self.children if child.role in roles]
         self.children = [child for child in self.children if child not in going]
-        self._leaving += going
+        self._released += going
         for child in going:
-            child.ask_to_end()
+            child.interrupt()
 
     def stop(self, idle: bool) -> list[Child]:
-        """Stop every process, politely first; return those that had to be killed.
+        """Stop every process, by SIGINT and then SIGKILL.
 
-        Where the graph is not `idle`, those that publish go first, so that the recorder still hears them.
+        Parameters
+        ----------
+        idle
+            Nothing is under way: stop all at once. Otherwise publishers first, so that the recorder still gets their
+            messages.
+
+        Returns
+        -------
+        list
+            The processes that had to be killed.
         """
-        stubborn: list[Child] = []
+        killed: list[Child] = []
         began = time.monotonic()
         for roles in [STOP_ORDER] if idle else [[role] for role in STOP_ORDER]:
             group = [child for child in self.children if child.role in roles]
             for child in group:
-                child.ask_to_end()
+                child.interrupt()
             deadline = max(began + STOP_S, time.monotonic() + LEAST_STOP_S)
-            for child in [*group, *self._leaving]:
+            for child in [*group, *self._released]:
                 try:
                     child.process.wait(max(0.1, deadline - time.monotonic()))
                 except subprocess.TimeoutExpired:
-                    stubborn.append(child)
+                    killed.append(child)
                     child.process.kill()
                     child.process.wait()
-        self.children += self._leaving
-        self._leaving = []
-        self.buried()
-        if self._janitor is not None:
-            self._janitor.close(STOP_S)
-            self._janitor = None
+        self.children += self._released
+        self._released = []
+        self.exited()
+        if self._cleaner is not None:
+            self._cleaner.close(STOP_S)
+            self._cleaner = None
         if self._logs_before is None:
             os.environ.pop(ROS_LOGS, None)
         else:
             os.environ[ROS_LOGS] = self._logs_before
-        return stubborn
+        return killed
 
 
 def _yaml(value: object) -> str:
-    """Return a parameter value as the command line of a node takes it."""
+    """Return a parameter value in the form of a node's command line."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
@@ -275,7 +300,7 @@ def _yaml(value: object) -> str:
 
 
 def tail(log: Path, lines: int = 8) -> str:
-    """Return the last lines of a log."""
+    """Return the last lines of a log, each with its file name before it."""
     try:
         return "\n".join(f"  {log.name}: {line}" for line in log.read_text(errors="replace").splitlines()[-lines:])
     except OSError as error:

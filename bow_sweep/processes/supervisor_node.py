@@ -1,4 +1,4 @@
-"""The node beside the processes of `bow sweep`: tells the graph which have ended, and people how the sweep goes on."""
+"""The node of `bow sweep` itself: reports exits to the graph, and progress and problems to the user."""
 
 from __future__ import annotations
 
@@ -21,36 +21,53 @@ from bow_sim.graph.discovery import apply_defaults
 from bow_sim.graph.node_base import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
-from bow_sweep.processes.interrupts import Ending
+from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display, Progress
-from bow_sweep.processes.supervisor import SPECTATORS, Death, GraphError, Supervisor, tail
-from bow_sweep.processes.waiting import RESTARTS, STALL_S, UNHEARD_S, Waiting, usage
+from bow_sweep.processes.supervisor import SPECTATORS, Exit, GraphError, Supervisor, tail
+from bow_sweep.processes.watchdog import RESTARTS, STALL_S, UNHEARD_S, Watchdog, usage
 from bow_sweep.view.wanted import NOTE
 
-STOP_S = 5.0
-"""So long this process was stopped in all, that DDS may have lost others."""
+SUSPENDED_S = 5.0
+"""After this process was stopped for so long in all, DDS may have lost its connections."""
 
-SAY_S = 5.0
-"""What the coordinator waits for in the middle of a sweep is said when it lasts so long."""
+MENTIONED_S = 5.0
+"""What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
 
 NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
-"""Beginnings of what nodes say of themselves that people should read."""
+"""Health details that begin so are printed."""
 
 
 class SupervisorNode(BowNode):
-    """Tells the graph which of its processes have ended, and listens to how the sweep goes on."""
+    """Reports exits of our processes to the graph, and keeps what is to be printed for the user.
+
+    Attributes
+    ----------
+    progress
+        How far the sweep is, from the latest map; None before the first.
+    failed
+        Why recorder or classifier cannot go on; "" otherwise.
+    details
+        Role -> detail of its latest heartbeat.
+    news
+        Lines for the user -> whether the line is still to be printed.
+    ours
+        Process numbers of the supervisor's children.
+    closed
+        The plan is closed: nothing more will be simulated.
+    """
 
     def __init__(self) -> None:
         super().__init__("supervisor")
         self.progress: Progress | None = None
         self.failed = ""
         self.details: dict[str, str] = {}
-        self.news: dict[str, bool] = {}  # for people; True = not yet said
-        self.ours: set[int] = set()  # the processes of this supervisor
-        self.waiting = Waiting(self.get_namespace().rpartition("/")[2])
-        self.closed = False  # the plan is: nothing more will be simulated
+        self.news: dict[str, bool] = {}
+        self.ours: set[int] = set()
+        self.watchdog = Watchdog(self.get_namespace().rpartition("/")[2])
+        self.closed = False
         self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
-        self._deaths = self.create_publisher(Health, "health", HEARD)  # so that none is lost behind the next
+        # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
+        self._exits = self.create_publisher(Health, "health", HEARD)
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
         self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
         self.become(Health.READY)
@@ -60,7 +77,7 @@ class SupervisorNode(BowNode):
             values = cdr.decode("BasinMap", data)
         except cdr.WireError:
             return
-        self.waiting.advance(int(values["tests"].sum(dtype=np.int64)), self.awake.now())
+        self.watchdog.progress(int(values["tests"].sum(dtype=np.int64)), self.awake.now())
         counts = np.bincount(values["regime"], minlength=256)
         self.progress = Progress(
             done=values["cells_done"],
@@ -75,13 +92,13 @@ class SupervisorNode(BowNode):
             self.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Note what people should know of our processes; what others start in this namespace does not count."""
+        """Take in a heartbeat of our processes; those that others have started in this namespace do not count."""
         if message.host != self.health.host or message.pid not in self.ours:
             return
         now = self.awake.now()
         self.details[message.role] = message.detail
         if message.state != Health.DEAD:
-            self.waiting.hear(message.pid, message.role, message.state, message.run_id, now)
+            self.watchdog.heartbeat(message.pid, message.role, message.state, message.run_id, now)
         if message.role == "coordinator":
             self._note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
@@ -92,56 +109,56 @@ class SupervisorNode(BowNode):
             self.news.setdefault(note, True)
 
     def _note_waiting(self, what: str, now: float) -> None:
-        """Say what the coordinator waits for, where it was at work already; before, the display shows it."""
+        """Print what the coordinator waits for in the middle of a sweep; before the first map, the display shows it."""
         if what != self._waits[0]:
             self._waits = (what, now)
             self.news.pop(what, None)
-        elif what and self.progress is not None and now - self._waits[1] > SAY_S:
+        elif what and self.progress is not None and now - self._waits[1] > MENTIONED_S:
             self.news.setdefault(what, True)
 
-    def bury(self, death: Death) -> None:
-        """Tell the graph that a process has ended."""
+    def report_exit(self, exit_: Exit) -> None:
+        """Publish that a process has exited."""
         message = Health(
-            role=death.child.role,
-            node=f"{self.get_namespace()}/{death.child.name}",
-            pid=death.child.process.pid,
+            role=exit_.child.role,
+            node=f"{self.get_namespace()}/{exit_.child.name}",
+            pid=exit_.child.process.pid,
             host=self.health.host,
             state=Health.DEAD,
-            detail=death.cause,
+            detail=exit_.cause,
         )
         message.stamp = self.wall_time()
-        self._deaths.publish(message)
+        self._exits.publish(message)
 
 
-def watch(supervisor: Supervisor, display: Display, ending: Ending) -> None:
-    """Watch over a graph and show its progress until the coordinator has finished; start again what dies.
+def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
+    """Show the progress of a graph until the coordinator has finished, and restart processes that exit.
 
     Raises
     ------
     GraphError
         Where the graph cannot go on.
     KeyboardInterrupt
-        Where the end is asked for.
+        After Ctrl-C or SIGTERM.
     """
     apply_defaults()
-    gc.freeze()  # what is loaded stays: what comes now is to go, to the last reference
+    gc.freeze()  # modules stay loaded: collections need not look at them
     try:
-        _live(supervisor, display, ending)
+        _with_node(supervisor, display, interrupts)
     finally:
         leave()
         end_after(0)
 
 
-def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
-    """Be a node of the graph while it is watched."""
-    words = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}", "--log-file-name", "supervisor"]
-    rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
+    """Make a node in the graph, and watch as long as it exists."""
+    arguments = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}", "--log-file-name", "supervisor"]
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     executor = EventsExecutor()
     node = None
     try:
         node = SupervisorNode()
         executor.add_node(node)
-        _watch(supervisor, node, executor, display, ending)
+        _watch(supervisor, node, executor, display, interrupts)
     finally:
         end_after(LEAVE_S)
         executor.shutdown()
@@ -150,69 +167,75 @@ def _live(supervisor: Supervisor, display: Display, ending: Ending) -> None:
         rclpy.try_shutdown()
 
 
-def _watch(supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display, ending: Ending) -> None:
-    """Spin until the coordinator has finished; start again what dies or is not heard."""
+def _watch(
+    supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display, interrupts: Interrupts
+) -> None:
+    """Spin until the coordinator has finished; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
     while True:
         executor.spin_once(timeout_sec=0.05)
-        ending.check()
-        for death in supervisor.buried():
-            if death.child.role == "coordinator":
-                if death.status == 0:
+        interrupts.check()
+        for exit_ in supervisor.exited():
+            child = exit_.child
+            if child.role == "coordinator":
+                if exit_.status == 0:
                     return
-                raise GraphError(f"the coordinator ended ({death.cause}):\n{tail(death.child.log)}")
-            node.bury(death)
-            death.child.worked = death.child.process.pid in node.waiting.worked
-            if why := supervisor.leaves_out(death):
-                display.say(f"the sweep goes on without {death.child.name} ({why}); see {death.child.log}")
+                raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(child.log)}")
+            node.report_exit(exit_)
+            child.worked = child.process.pid in node.watchdog.worked
+            if why := supervisor.why_left_out(exit_):
+                display.print_line(f"the sweep goes on without {child.name} ({why}); see {child.log}")
                 continue
-            display.say(f"{death.child.name} ended ({death.cause}), starting it again; see {death.child.log}")
-            supervisor.revive(death)
+            display.print_line(f"{child.name} ended ({exit_.cause}), starting it again; see {child.log}")
+            supervisor.restart(exit_)
         node.ours = {child.process.pid for child in supervisor.children}
-        _look_after(supervisor, node, display, restarts)
-        if node.closed:  # recorder and dashboard have last words: what nobody has read goes with its sender
+        _restart_unresponsive(supervisor, node, display, restarts)
+        # Recorder and dashboard still send messages that others must receive before they exit.
+        if node.closed:
             supervisor.release(("simulator", "classifier"))
         if node.failed:
             raise GraphError(node.failed)
         for line in [text for text, new in node.news.items() if new]:
             node.news[line] = False
-            display.say(line)
+            display.print_line(line)
         display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())
 
 
-def _look_after(supervisor: Supervisor, node: SupervisorNode, display: Display, restarts: Counter[str]) -> None:
-    """Kill the processes that the others do not hear, which are then started again; give up where that is no use.
+def _restart_unresponsive(
+    supervisor: Supervisor, node: SupervisorNode, display: Display, restarts: Counter[str]
+) -> None:
+    """Kill the processes that others do not hear: the next round restarts them. Give up where that does not help.
 
     Raises
     ------
     GraphError
-        Naming who is not heard, and what to look at.
+        Naming the processes that are not heard, and what to check.
     """
-    now, waiting = node.awake.now(), node.waiting
+    now, watchdog = node.awake.now(), node.watchdog
     children = {child.process.pid: child for child in supervisor.children}
     needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
-    if node.awake.slept > STOP_S:
-        waiting.note_stop()
-    stopped = waiting.hold(needed, now)
+    if node.awake.slept > SUSPENDED_S:
+        watchdog.note_stop()
+    stopped = watchdog.suspend_timeouts(needed, now)
     if stopped:
         names = ", ".join(sorted(children[pid].name for pid in stopped))
         node.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
         return
-    unheard = waiting.unheard(children, now)
-    unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # nobody misses them
+    unheard = watchdog.unheard(children, now)
+    unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # the sweep does not need these
     if needed and unheard >= needed.keys():
         names = ", ".join(child.name for child in needed.values())
         raise GraphError(f"nothing is heard of {names} for {UNHEARD_S:g} s. Look at: {_hints()}")
-    for pid in (unheard | waiting.stuck(now)) & children.keys():
+    for pid in (unheard | watchdog.stuck(now)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
         why = f"{child.name} is not heard" if pid in unheard else f"{child.name} and the others do not hear each other"
         too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
         if child.role == "coordinator" or too_often:
             raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")
-        display.say(f"{why}: it is started again; see {child.log}")
+        display.print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
-    if waiting.is_stalled(now) and not node.closed:
+    if watchdog.is_stalled(now) and not node.closed:
         raise GraphError(f"no progress for {STALL_S:g} s; {node.details.get('coordinator') or 'nothing is missing'}")
 
 

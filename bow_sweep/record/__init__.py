@@ -12,7 +12,6 @@ disk            syncs committed data to disk in a thread
 aside           where damaged parts of a bag are kept
 inspection      what is to be done with each file of a bag
 recover         repairs bags
-expected        what the messages of one run have to look like
 deduplication   what a bag holds, by identity
 session         one run being recorded: bytes in, receipts out
 node            the recorder node

@@ -16,8 +16,9 @@ from mcap.records import Metadata
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.record.bag import METADATA, BagError, BagMessage, bag_files, label
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.metadata import FileInfo, MetadataError, differences, parse
@@ -29,9 +30,6 @@ Progress = Callable[[float, float], None]
 
 MAX_PROBLEMS = 200
 """Problems kept at most; the rest are counted."""
-
-LAYERS = ("correlation", "period", "slips", "corners", "regime", "confidence")
-"""What a verdict says of a cell."""
 
 Key = tuple[int, int]
 """(block, chunk)."""
@@ -92,7 +90,7 @@ class Survey:
         How the files say they are written, see :data:`bow_sweep.record.notes.HOW`.
     """
 
-    def __init__(self, directory: Path, expected: Expected | None = None, last: int | None = 0) -> None:
+    def __init__(self, directory: Path, expected: SweepOutline | None = None, last: int | None = 0) -> None:
         self.directory = directory
         self.expected = expected
         self.said: tuple[str, str] | None = None
@@ -257,9 +255,9 @@ class Survey:
     def _take_plan(self, plan: dict[str, Any]) -> None:
         self.said = self.said or (plan["run_id"], plan["sweep_id"])
         if self.expected is None:
-            self.expected = Expected.of(plan)
+            self.expected = SweepOutline.of(plan)
         self._check_run(plan)
-        self.expected = self.expected.grown(plan)
+        self.expected = self.expected.grown(plan["rounds"])
         self.plan = plan
         self.epoch = max(self.epoch, plan["epoch"])
 
@@ -279,7 +277,7 @@ class Survey:
         if key in stored:
             self.problem("stored twice", topic=message.topic, block=key[0], chunk=key[1])
         elif message.topic == "verdicts":
-            layers = {name: values[name].copy() for name in LAYERS}
+            layers = {name: values[name].copy() for name in VERDICT_FIELDS}
             stored[key] = Verdict(values["checksum"], values["chunk_checksum"], layers)
         else:
             stored[key] = Place(message.file, message.offset, len(message.data), values["checksum"])
@@ -287,7 +285,7 @@ class Survey:
     def _checked(self, message: BagMessage) -> dict[str, Any]:
         """Return the fields of a sealed message, everything about it checked."""
         assert self.expected is not None
-        return self.expected.check(STORED_ONCE[message.topic], message.data)
+        return self.expected.unseal(STORED_ONCE[message.topic], message.data)
 
     def _take_receipts(self, values: dict[str, Any]) -> None:
         self._check_run(values)
@@ -312,21 +310,17 @@ class Survey:
         return out
 
 
-_TYPES = dict(zip(LAYERS, ("f4", "f4", "u2", "u2", "u1", "f4"), strict=True))
-_EMPTY = dict(zip(LAYERS, (np.nan, np.nan, 0, 0, 255, np.nan), strict=True))
-
-
-def empty_layers(expected: Expected) -> dict[str, np.ndarray]:
+def empty_layers(expected: SweepOutline) -> dict[str, np.ndarray]:
     """Return arrays (tests, cells) for the verdicts of a run, none tested."""
     shape = (expected.chunks, expected.cells)
-    out = {name: np.full(shape, _EMPTY[name], _TYPES[name]) for name in LAYERS}
+    out = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
     return {**out, "tested": np.zeros(shape, bool)}
 
 
-def put(layers: dict[str, np.ndarray], expected: Expected, key: Key, values: dict[str, np.ndarray]) -> None:
+def put(layers: dict[str, np.ndarray], expected: SweepOutline, key: Key, values: dict[str, np.ndarray]) -> None:
     """Put one verdict into arrays of :func:`empty_layers`."""
     cells = expected.block(key[0])
-    for name in LAYERS:
+    for name in VERDICT_FIELDS:
         layers[name][key[1], cells] = values[name]
     layers["tested"][key[1], cells] = True
 

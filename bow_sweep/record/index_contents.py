@@ -67,7 +67,8 @@ class IndexSurvey(Survey):
             return super()._checked(message)
         assert self.expected is not None
         values = cdr.decode_head(STORED_ONCE[message.topic], message.data)
-        self.expected.check_head(values)
+        if reason := self.expected.identity_objection(values):
+            raise cdr.WireError(f"block {values['block']}, chunk {values['chunk']}: {reason}")
         return values
 
 

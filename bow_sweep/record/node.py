@@ -24,11 +24,11 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
 from bow_sim.protocol.states import PlanState
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.expected import Expected
-from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Qos, Topic
+from bow_sweep.run.lock import LockedError, LockError
 
 HELP = """
 usage: ros2 run bow recorder [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
@@ -185,7 +185,7 @@ class RecorderNode(BowNode):
             return
         self._waiting = None
         try:
-            Expected.of(plan)  # before its run_id names a directory
+            SweepOutline.of(plan)  # before its run_id names a directory
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # over before we came
@@ -197,7 +197,7 @@ class RecorderNode(BowNode):
         except AlreadyClosedError as error:
             self._done_with = (run, plan["epoch"])
             self.become(Health.CLOSED, str(error), run)
-        except (BagError, OSError, ValueError, LookupError) as error:
+        except (BagError, LockError, OSError, ValueError, LookupError) as error:
             self._done_with = (run, plan["epoch"])
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
             self.become(Health.FAILED, f"cannot record: {error}", run)

@@ -11,8 +11,6 @@ Of bags that others wrote only torn files are repaired; what is whole is not tou
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,44 +18,16 @@ from isal.isal_zlib import crc32
 from mcap.records import Header
 
 from bow_sweep.record.aside import copy_aside, set_aside
-from bow_sweep.record.bag import FOLDER, METADATA, BagError, bag_of, write_metadata
+from bow_sweep.record.bag import FOLDER, METADATA, bag_of, write_metadata
 from bow_sweep.record.inspection import ASIDE, KEEP, MEND, REFUSE, Identity, Inspection, Part, inspect
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_writer import COVER, COVERED, LIBRARY, MAGIC, pack, write_all
-from bow_sweep.record.metadata import FileInfo, MetadataError, differences, others_part, parse
+from bow_sweep.record.metadata import MetadataError, differences, others_part, parse
 from bow_sweep.run.ledger_file import read_leniently
-from bow_sweep.run.lock import HeldError, take
+from bow_sweep.run.lock import locked
 
 ROUNDS = 4
 """Damage found one behind the other, looked at again after each repair, before a file is set aside whole."""
-
-
-class LockedError(BagError):
-    """A bag that a recorder is writing."""
-
-
-@contextmanager
-def locked(run_directory: Path, lock: bool = True) -> Iterator[None]:
-    """Hold the recorder's lock on a run directory; without `lock` nothing is held.
-
-    Raises
-    ------
-    LockedError
-        Where a live recorder holds it.
-    OSError
-        Where there can be no lock.
-    """
-    if not lock:
-        yield
-        return
-    try:
-        descriptor = take(run_directory, "recorder")
-    except HeldError as error:
-        raise LockedError(str(error).replace("another recorder", "a recorder")) from None
-    try:
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def repair_file(scan: Scan) -> None:
@@ -230,13 +200,15 @@ def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> di
     Raises
     ------
     BagError
-        Where there is no bag, it is of several runs, or a recorder is writing it.
+        Where there is no bag, or it is of several runs.
+    LockError
+        Where a recorder is writing it, or the run directory cannot be locked.
     """
     directory = bag_of(run_directory)
     run = directory.parent if directory.name == FOLDER else directory
     if dry_run:
         return repair(directory, identity_of(run), True)[0]
-    with locked(run, lock):
+    with locked(run, "recorder", lock):
         return repair(directory, identity_of(run))[0]
 
 
@@ -244,6 +216,3 @@ def identity_of(run_directory: Path) -> Identity | None:
     """Return run and sweep as the ledger beside a bag has them; None where none tells."""
     reading = read_leniently(run_directory)
     return (reading.entries[0]["run_id"], reading.entries[0]["sweep_id"]) if reading.planned else None
-
-
-__all__ = ["FileInfo", "LockedError", "locked", "recover", "repair"]

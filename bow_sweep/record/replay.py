@@ -23,9 +23,10 @@ from bow_sim.atomic_files import replacing
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
-from bow_sweep.record.bag_contents import LAYERS, Chunks, Key, Progress, Survey, empty_layers, put
-from bow_sweep.record.expected import Expected
+from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
 from bow_sweep.record.mcap_reader import Scan
 
 Judge = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
@@ -46,7 +47,7 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
     BagError
         Where there is no bag, or no plan in it.
     """
-    expected: Expected | None = None
+    expected: SweepOutline | None = None
     layers: dict[str, np.ndarray] = {}
     for path in bag_files(bag_of(run_directory)):
         scan = Scan(path)
@@ -55,11 +56,11 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
                 message = label(scan.contents.channels[found.channel].topic, found, path)
                 if message.topic == "plan":
                     plan = cdr.decode("Plan", message.data)
-                    expected = expected.grown(plan) if expected else Expected.of(plan)
+                    expected = expected.grown(plan["rounds"]) if expected else SweepOutline.of(plan)
                     layers = layers or empty_layers(expected)
                 elif message.topic == "verdicts" and expected is not None:
                     try:
-                        values = expected.check("Verdicts", message.data)
+                        values = expected.unseal("Verdicts", message.data)
                     except cdr.WireError:
                         continue  # verify says so; what cannot be read is not tested
                     put(layers, expected, (values["block"], values["chunk"]), values)
@@ -80,7 +81,7 @@ def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[
     """
     classifier = Classifier("0" * 16)
     classifier.open(task)
-    for chunk in range(task.chunks):
+    for chunk in range(task.outline.chunks):
         force, slip = (survey.places[topic].get((block, chunk)) for topic in ("bridge_force", "stick_slip"))
         if force is None or slip is None:
             return
@@ -94,13 +95,13 @@ def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[
 def judge_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
     """Yield (chunk, fields of Verdicts) of all blocks, judged in this process; raises as :func:`rejudge`."""
     with Chunks() as chunks:
-        for block in range(task.blocks):
+        for block in range(task.outline.blocks):
             yield from rejudge(survey, task, block, chunks)
 
 
 def differing(recorded: dict[str, np.ndarray], again: dict[str, Any]) -> list[str]:
     """Return the names of the layers of a verdict that are not byte for byte the same."""
-    return [name for name in LAYERS if recorded[name].tobytes() != again[name].tobytes()]
+    return [name for name in VERDICT_FIELDS if recorded[name].tobytes() != again[name].tobytes()]
 
 
 def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
@@ -113,8 +114,7 @@ def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
     """
     if survey.expected is None:
         raise BagError(f"{survey.directory}: holds no plan")
-    plan = survey.plan
-    task = Task.from_settings(plan["run_id"], plan["sweep_id"], plan["spec.settings"], plan["rounds"])
+    task = Task.of(survey.expected)
     return task if thresholds is None else dataclasses.replace(task, thresholds=thresholds)
 
 
@@ -198,8 +198,8 @@ def replay(
         file = _write(run_directory, task, layers)
     return {
         "ok": not unlike and count == total and (not same or equal == count),
-        "run_id": task.run_id,
-        "sweep_id": task.sweep_id,
+        "run_id": task.outline.run_id,
+        "sweep_id": task.outline.sweep_id,
         "classifier": task.thresholds.hash,
         "recorded_classifier": survey.plan["classifier"],
         "thresholds": list(task.thresholds.settings()),
@@ -233,8 +233,8 @@ def _write(run_directory: Path, task: Task, layers: dict[str, np.ndarray]) -> Pa
     with replacing(path) as file:
         np.savez_compressed(
             file,
-            run_id=task.run_id,
-            sweep_id=task.sweep_id,
+            run_id=task.outline.run_id,
+            sweep_id=task.outline.sweep_id,
             classifier=task.thresholds.hash,
             thresholds=np.array(task.thresholds.settings()),
             regime_names=np.array(REGIMES),

@@ -20,14 +20,15 @@ from bow_sim.atomic_files import sync_directory
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import PlanState, ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError, BagWriter
 from bow_sweep.record.deduplication import Answer, Inventory
 from bow_sweep.record.disk import DiskSync
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.inspection import Inspection
 from bow_sweep.record.notes import HOW, note
-from bow_sweep.record.recover import locked, repair
+from bow_sweep.record.recover import repair
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Topic
+from bow_sweep.run.lock import locked
 
 COMMIT_BYTES = 4 << 20
 """Bytes after which a chunk of the file is written."""
@@ -69,8 +70,9 @@ class Session:
     ParameterError
         Where the plan is not one that can be run.
     BagError
-        Where the directory is another run's, another recorder writes it (LockedError), or the plan closes what was
-        closed before (AlreadyClosedError).
+        Where the bag is of another run, or the plan closes what was closed before (AlreadyClosedError).
+    LockError
+        Where another recorder writes it (LockedError), or the directory cannot be locked.
     OSError
         Where it cannot be written.
     """
@@ -88,7 +90,7 @@ class Session:
         lock: bool = True,
     ) -> None:
         self.directory = directory
-        self.expected = Expected.of(plan)
+        self.expected = SweepOutline.of(plan)
         self.inventory = Inventory()
         self.names = dict(names)
         self.incarnation = incarnation
@@ -104,7 +106,7 @@ class Session:
         with ExitStack() as stack:
             directory.mkdir(parents=True, exist_ok=True)
             sync_directory(directory.parent)
-            stack.enter_context(locked(directory, lock))
+            stack.enter_context(locked(directory, "recorder", lock))
             identity = self.expected.run_id, self.expected.sweep_id
             self.report, found = repair(directory / FOLDER, identity, resuming=True)
             self.last_plan = found.survey.plan
@@ -153,7 +155,7 @@ class Session:
     def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
         """Take in a plan of this run; a closing one is kept back, to be the last message of the bag."""
         try:
-            self.expected = self.expected.grown(plan)
+            self.expected = self.expected.grown(plan["rounds"])
         except ParameterError as error:
             self.ignored += 1
             self.complaints[f"plan: {error}"] += 1
@@ -185,7 +187,7 @@ class Session:
 
     def _once(self, topic: str, data: bytes) -> bool:
         """Check and answer a message that is stored once; return whether it is to be stored."""
-        values = self.expected.check(STORED_ONCE[topic], data)
+        values = self.expected.unseal(STORED_ONCE[topic], data)
         self.senders.add((topic, values["incarnation"]))
         block, chunk, attempt, checksum = (values[name] for name in ("block", "chunk", "attempt", "checksum"))
         known = self.inventory.checksum(topic, block, chunk)

@@ -14,10 +14,10 @@ import numpy as np
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.plan.adaptive import next_round, within_budget
 from bow_sweep.record.bag import FOLDER, BagError, bag_of
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.replay import differing, rejudge, task_of
 from bow_sweep.record.verify_files import Beside, transient_lengths
@@ -84,7 +84,7 @@ def account(survey: Survey, run_directory: Path, judge: bool, progress: Progress
 class _Accounts:
     """Holds what a survey found against the plan and against itself."""
 
-    def __init__(self, survey: Survey, expected: Expected) -> None:
+    def __init__(self, survey: Survey, expected: SweepOutline) -> None:
         self.survey, self.expected, self.problem = survey, expected, survey.problem
         self.notes: list[str] = []
         states = survey.plan["block_states"].tolist()
@@ -202,11 +202,11 @@ class _Accounts:
                 "verdicts are compared, their hash is not"
             )
         with Chunks() as chunks:
-            for block in range(task.blocks):
+            for block in range(task.outline.blocks):
                 if self.states[block] != BlockState.QUARANTINED:
                     self._judge_block(task, block, chunks)
                 if progress is not None:
-                    progress(SCAN_SHARE * task.blocks + (1 - SCAN_SHARE) * (block + 1), task.blocks)
+                    progress(SCAN_SHARE * task.outline.blocks + (1 - SCAN_SHARE) * (block + 1), task.outline.blocks)
 
     def _judge_block(self, task: Any, block: int, chunks: Chunks) -> None:
         try:

@@ -13,15 +13,13 @@ import numpy as np
 
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.atomic_files import read_arrays
-from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import BlockState
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays
-from bow_sweep.maps.plane import PENDING
 from bow_sweep.maps.playability import playability
 from bow_sweep.plan.adaptive import fill
-from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.expected import Expected
 from bow_sweep.run.directory import LEDGER, REPORT, findings
 
 if TYPE_CHECKING:
@@ -63,7 +61,7 @@ class Beside:
 
     directory: Path
     survey: Survey
-    expected: Expected
+    expected: SweepOutline
     states: list[int]
     done: np.ndarray
     counts: Mapping[str, Any]
@@ -75,11 +73,7 @@ class Beside:
             self._ledger(ledger)
         if not (arrays.is_file() or report.is_file()):
             return
-        try:
-            result = self._map()
-        except ParameterError as error:
-            self.survey.problem(f"the plan makes no map: {error}")
-            return
+        result = self._map()
         if arrays.is_file():
             self._arrays(arrays, result)
         if report.is_file():
@@ -103,28 +97,25 @@ class Beside:
         """
         expected, layers = self.expected, self.survey.layers()
         plan = self._plan()
-        sweep = Sweep.from_spec("", plan["settings"])
         passed = is_helmholtz(layers["regime"])
         length = np.where(self.done, transient_lengths(passed), np.float32(np.nan)).reshape(expected.shape)
         if expected.planned.adaptive:
             length = np.where(expected.planned.planned.reshape(expected.shape), length, fill(length))
         cube = (expected.chunks, *expected.shape)
-        names = ("correlation", "period", "slips", "corners", "confidence")
-        tests: dict[str, Any] = {name: layers[name].reshape(cube) for name in names}
+        layers |= {"helmholtz": passed, "regimes": layers["regime"]}
+        tests: dict[str, Any] = {name: layers[name].reshape(cube) for name in (*TESTS, *HISTORY)}
         return MapFile(
             **{name: plan[name] for name in ("run_id", "sweep_id", "preset")},
             settings=tuple(plan["settings"]),
-            x_name=sweep.x.name,
-            y_name=sweep.y.name,
-            x=sweep.x.values(),
-            y=sweep.y.values(),
+            x_name=expected.x.name,
+            y_name=expected.y.name,
+            x=expected.x.values(),
+            y=expected.y.values(),
             regime_names=tuple(REGIMES),
             test_periods=np.arange(1, expected.chunks + 1) * CHUNK_PERIODS,
             transient_periods=length,
             regime=np.where(self.done, layers["regime"][-1], np.uint8(PENDING)).reshape(expected.shape),
             simulated=self.done.reshape(expected.shape) if expected.planned.adaptive else None,
-            helmholtz=passed.reshape(cube),
-            regimes=layers["regime"].reshape(cube),
             **tests,
         )
 

@@ -3,7 +3,7 @@
 ledger         which simulator has which block, and what is acknowledged: a pure state machine
 ledger_events  the events of the ledger, and its instructions
 ledger_file    the ledger on disk, ledger.jsonl
-lock           locks of a run directory
+lock           file locks of a run directory
 directory      the directory of a run: ledger, report
 campaign       several sweeps as one
 errors         RunError

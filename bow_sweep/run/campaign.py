@@ -11,8 +11,9 @@ from typing import Any
 import yaml
 
 from bow_sim.atomic_files import replacing
+from bow_sim.config_files import find_config
 from bow_sim.physics.errors import ParameterError
-from bow_sweep.plan.sweep import Sweep, preset_directory
+from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import REPORT, RunError
 
 FILE = "campaign.json"
@@ -79,7 +80,7 @@ class Campaign:
         """
         if name not in campaigns():  # a name from a list, never a path
             raise ParameterError(f"campaign {name!r}: no such campaign; one of {', '.join(campaigns())}")
-        content = yaml.safe_load((preset_directory() / "campaigns" / f"{name}.yaml").read_text())
+        content = yaml.safe_load((_directory() / f"{name}.yaml").read_text())
         return cls(name, content["title"], tuple(content["sweeps"]), tuple(settings), content.get("figure", 0))
 
     @classmethod
@@ -101,8 +102,15 @@ class Campaign:
 
 def campaigns() -> dict[str, str]:
     """Return {name: title} of all campaigns, sorted by name."""
-    files = sorted((preset_directory() / "campaigns").glob("*.yaml"))
+    files = sorted(_directory().glob("*.yaml"))
     return {path.stem: str(yaml.safe_load(path.read_text())["title"]) for path in files}
+
+
+def _directory() -> Path:
+    found = find_config("campaigns")
+    if found is None:
+        raise FileNotFoundError(f"no config/campaigns or share/bow/config/campaigns in any folder above {__file__}")
+    return found
 
 
 def report(directory: Path, campaign: Campaign) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from bow_sweep.run import ledger_file
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.ledger import Ledger, State
 from bow_sweep.run.ledger_file import LEDGER, latest_states, read_ledger, set_ledger_aside
-from bow_sweep.run.lock import HeldError, take
+from bow_sweep.run.lock import take
 
 REPORT, PICTURE = "report.json", "map.png"
 VERSIONS_OF = (
@@ -40,22 +40,6 @@ VERSIONS_OF = (
     "ros-jazzy-rclpy",
     "ros-jazzy-rmw-fastrtps-cpp",
 )
-
-
-def lock(directory: Path, role: str) -> int:
-    """Take the lock of a role on a run directory; return its file descriptor, which holds the lock until it is closed.
-
-    Raises
-    ------
-    RunError
-        If another process holds it, or the file system has no locks.
-    """
-    try:
-        return take(directory, role)
-    except HeldError as error:
-        raise RunError(str(error)) from None
-    except OSError as error:
-        raise RunError(f"{error.filename or directory}: {error.strerror}") from None
 
 
 def is_finished(directory: Path, entries: list[dict[str, Any]]) -> bool:
@@ -95,7 +79,7 @@ class Run:
         first: Sequence[Mapping[str, Any]] = (),
     ) -> None:
         self.directory, self.run_id, self.sweep, self.blocks, self.ledger = directory, run_id, sweep, blocks, ledger
-        self._lock = lock(directory, "coordinator") if locked else -1
+        self._lock = take(directory, "coordinator") if locked else -1
         if first:  # written at once: a ledger that a crash cuts off in its plan could not be read
             at = round(time.time(), 3)
             ledger_file.write_ledger(directory, [{**entry, "at": at} for entry in first])

@@ -1,19 +1,13 @@
-"""Maps made visible: pictures of finished maps, and the dashboard that shows a sweep while it runs.
+"""The dashboard: shows a sweep in the rerun viewer while it runs.
 
-colours          colours of transient lengths, regimes, terrain
-figure_layout    a figure laid out in pixels
-pictures         the figures of maps
-map_figures      pictures of finished maps as files
-terrain_figures  the figures of terrain and playability
-compare          runs beside each other
-decorations      frame, ticks, labels and scales, where a viewer draws none
-scope            waveforms of the cells under inspection
-status_page      the account of a sweep, as text
-blueprint        where everything stands in the rerun viewer
-rerun_recording  a sweep as a rerun recording
-history          what every cell went through, as a recording
-live_run         one run on show: what of it is drawn when
-viewer           the rerun viewer as a process
-wanted           what a user asks of the dashboard
 node             the dashboard node
+live_run         one run: what is drawn, and when
+rerun_recording  a sweep as a rerun recording
+blueprint        the layout of the views in the viewer
+decorations      frame, ticks, labels and colour scales of a map
+scope            waveforms of the inspected cells
+status_page      the status of a sweep as Markdown
+history          every test of every cell, as a recording of a finished map
+viewer           the rerun viewer as a process
+wanted           what the command line asks of the dashboard
 """

@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from bow_sweep.maps.plane import TEST_LAYERS
-from bow_sweep.view.decorations import Furniture
+from bow_sweep.view.decorations import Decorations
 from bow_sweep.view.scope import MARGIN, MOST, ROW, WIDTH, trace_name
 
 GROUND = (24, 26, 30)
@@ -42,19 +42,19 @@ def send(blueprint: rrb.Blueprint, application: str, record: rr.RecordingStream)
     aside.disconnect()
 
 
-def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blueprint:
+def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb.Blueprint:
     """Return the layout: a tab for the sweep, one for the tests, one for terrain and one for waveforms.
 
     Parameters
     ----------
-    furniture
+    decorations
         What stands around each map, by entity path: its bounds are what a view shows at first.
     cells
         Under inspection; there are rows for `MOST`.
     """
     sweep = rrb.Horizontal(
         rrb.Vertical(
-            _plane("map", "Transient length: the brighter, the sooner Helmholtz motion", furniture),
+            _plane("map", "Transient length: the brighter, the sooner Helmholtz motion", decorations),
             rrb.Horizontal(
                 rrb.TimeSeriesView(
                     origin="counts", name="Cells by their regime at the latest test", plot_legend=rrb.Corner2D.RightTop
@@ -77,13 +77,13 @@ def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blu
         name="Sweep",
     )
     tests = rrb.Grid(
-        *(_plane(f"tests/{name}", TEST_TITLES[name], furniture, "/tests/pending") for name in TEST_LAYERS),
-        _plane("regime", "Regime at the latest test", furniture),
+        *(_plane(f"tests/{name}", TEST_TITLES[name], decorations, "/tests/pending") for name in TEST_LAYERS),
+        _plane("regime", "Regime at the latest test", decorations),
         grid_columns=2,
         name="Tests and regimes",
     )
     terrain = rrb.Horizontal(
-        _plane("terrain", "Terrain (section IV.B), when the sweep has ended", furniture),
+        _plane("terrain", "Terrain (section IV.B), when the sweep has ended", decorations),
         rrb.TextDocumentView(origin="playability", name="Playability"),
         column_shares=[5, 2],
         name="Terrain and playability",
@@ -106,10 +106,10 @@ def arrange(furniture: Mapping[str, Furniture], cells: Sequence[int]) -> rrb.Blu
     )
 
 
-def _plane(origin: str, name: str, furniture: Mapping[str, Furniture], *also: str) -> rrb.Spatial2DView:
+def _plane(origin: str, name: str, decorations: Mapping[str, Decorations], *also: str) -> rrb.Spatial2DView:
     bounds = None
-    if origin in furniture:
-        (left, right), (top, bottom) = furniture[origin].bounds
+    if origin in decorations:
+        (left, right), (top, bottom) = decorations[origin].bounds
         bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
     contents = ["$origin/**", *also]
     return rrb.Spatial2DView(origin=origin, contents=contents, name=name, background=GROUND, visual_bounds=bounds)

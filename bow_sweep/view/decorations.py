@@ -1,7 +1,7 @@
 """What stands around a map in a viewer that draws no axes: frame, ticks, labels, scales, as plain arrays.
 
 Viewers of images count rows downwards: cell (ix, iy) covers x from ix to ix + 1 and y from ny - 1 - iy to ny - iy.
-Lengths outside the map are in units that follow its size, so that a small map gets the same furniture as a large one.
+Lengths outside the map are in units that follow its size, so that a small map gets the same decorations as a large one.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_colours, transient_colours, viridis
 from bow_sweep.maps.plane import TEST_RANGES, Plane, regime_label, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
-from bow_sweep.view.colours import BLACK, GREY, TERRAIN_COLOURS, regime_colours, transient_colours, viridis
 
 MIN_BAR = 36.0
 """A scale is at least so many units high, however flat the map."""
@@ -26,7 +26,7 @@ NICE_STEPS = (1, 2, 4, 10, 20, 40, 100, 200, 400, 1000, 2000, 10_000, 100_000, 1
 
 
 @dataclass
-class Furniture:
+class Decorations:
     """Lines, words and one coloured strip, in the coordinates of the map's image.
 
     Attributes
@@ -66,11 +66,11 @@ def unit_of(plane: Plane) -> float:
     return max(nx / 128, ny / 64)
 
 
-def surroundings(plane: Plane) -> Furniture:
+def surroundings(plane: Plane) -> Decorations:
     """Return frame, ticks and labels of a map, and room for a scale on its right."""
     ny, nx = plane.shape
     unit = unit_of(plane)
-    made = Furniture(unit, ((-13 * unit, nx + 24 * unit), (-8 * unit, ny + 11 * unit)))
+    made = Decorations(unit, ((-13 * unit, nx + 24 * unit), (-8 * unit, ny + 11 * unit)))
     made.line((0, 0), (nx, 0), (nx, ny), (0, ny), (0, 0))
     x, y = plane.axes
     for tick in x.ticks():
@@ -86,7 +86,7 @@ def surroundings(plane: Plane) -> Furniture:
     return made
 
 
-def transient_furniture(plane: Plane) -> Furniture:
+def transient_decorations(plane: Plane) -> Decorations:
     """Return what stands around the transient lengths: a bar in the colours of the map, black and grey below it."""
     made = surroundings(plane)
     lengths = np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)[::-1]
@@ -95,7 +95,7 @@ def transient_furniture(plane: Plane) -> Furniture:
     return made
 
 
-def layer_furniture(plane: Plane, name: str) -> Furniture:
+def layer_decorations(plane: Plane, name: str) -> Decorations:
     """Return what stands around the results of one test."""
     made = surroundings(plane)
     low, high = TEST_RANGES[name]
@@ -109,7 +109,7 @@ def layer_furniture(plane: Plane, name: str) -> Furniture:
     return made
 
 
-def regime_furniture(plane: Plane) -> Furniture:
+def regime_decorations(plane: Plane) -> Decorations:
     """Return what stands around the regimes: a strip of their colours with their names."""
     made = surroundings(plane)
     made.bounds = ((made.bounds[0][0], made.bounds[0][1] + 8 * made.unit), made.bounds[1])
@@ -119,7 +119,7 @@ def regime_furniture(plane: Plane) -> Furniture:
     return made
 
 
-def terrain_furniture(plane: Plane) -> Furniture:
+def terrain_decorations(plane: Plane) -> Decorations:
     """Return what stands around the terrain: a strip of its colours with their names."""
     made = surroundings(plane)
     made.bounds = ((made.bounds[0][0], made.bounds[0][1] + 8 * made.unit), made.bounds[1])
@@ -136,7 +136,7 @@ def _some(texts: list[str]) -> list[str]:
 
 
 def _scale(
-    made: Furniture,
+    made: Decorations,
     plane: Plane,
     colours: np.ndarray,
     texts: Sequence[str],
@@ -174,5 +174,5 @@ def _scale(
     made.word(left + 7 * unit, -5.6 * unit, title)
 
 
-def _outline(made: Furniture, left: float, top: float, wide: float, tall: float) -> None:
+def _outline(made: Decorations, left: float, top: float, wide: float, tall: float) -> None:
     made.line((left, top), (left + wide, top), (left + wide, top + tall), (left, top + tall), (left, top))

@@ -13,10 +13,11 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.figures.colours import GREY, HEADROOM, regime_colours
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz
-from bow_sweep.maps.plane import PENDING, regime_label, upright
+from bow_sweep.maps.plane import regime_label, upright
 from bow_sweep.view.blueprint import GROUND
-from bow_sweep.view.colours import GREY, HEADROOM, regime_colours
 
 FILE = "history.rrd"
 

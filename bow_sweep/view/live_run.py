@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.states import PlanState
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.plane import NOT_COMPUTED, Snapshot
 from bow_sweep.maps.playability import playability
 from bow_sweep.maps.terrain import terrain
 from bow_sweep.view.rerun_recording import Board
-from bow_sweep.view.status_page import Node, is_complete, page, playability_page, settled
+from bow_sweep.view.status_page import Node, is_complete, page, playability_page, with_block_states
 
 FILE = "dashboard.rrd"
 
@@ -78,11 +80,10 @@ class Show:
         warn: Callable[[str], object] = print,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        snapshot = Snapshot.empty(plan["run_id"], plan["sweep_id"], plan["spec.settings"], plan["spec.preset"])
+        self._outline = SweepOutline.of(plan)
         directory.mkdir(parents=True, exist_ok=True)
-        self.board = Board(
-            directory / FILE, settled(snapshot, plan["block_states"], plan["rounds"]), port, server_memory, warn
-        )
+        empty = with_block_states(Snapshot.empty(self._outline), self._outline, plan["block_states"])
+        self.board = Board(directory / FILE, empty, port, server_memory, warn)
         self.drawn = self.ignored = 0
         self._plan, self._clock, self._opened = plan, clock, clock()
         self._closing: float | None = None
@@ -94,7 +95,7 @@ class Show:
     @property
     def run_id(self) -> str:
         """Identity of the run."""
-        return str(self._plan["run_id"])
+        return self._outline.run_id
 
     @property
     def epoch(self) -> int:
@@ -103,7 +104,11 @@ class Show:
 
     def plan(self, plan: Mapping[str, Any]) -> None:
         """Take in a plan of this run; one of an older epoch comes from a coordinator no longer in charge."""
-        if plan["epoch"] < self.epoch:
+        try:
+            if plan["epoch"] < self.epoch:
+                raise ParameterError(f"epoch {self.epoch} is in charge")
+            self._outline = self._outline.grown(plan["rounds"])
+        except ParameterError:
             self.ignored += 1
             return
         self._plan = plan
@@ -112,7 +117,7 @@ class Show:
 
     def map(self, values: Mapping[str, Any]) -> None:
         """Take in a BasinMap; it is drawn when the last one is far enough back."""
-        if (values["run_id"], values["sweep_id"]) != (self.run_id, self._plan["sweep_id"]):
+        if not self._is_mine(values):
             self.ignored += 1
             return
         try:
@@ -120,16 +125,13 @@ class Show:
         except ValueError:
             self.ignored += 1
             return
-        self._next = snapshot.with_plan(self._plan["spec.settings"], self._plan["spec.preset"])
+        self._next = snapshot.with_plan(self._outline.settings, self._outline.preset)
         self._draw_if_due()
 
     def inspect(self, values: Mapping[str, Any]) -> None:
         """Take in a BridgeForce of cells under inspection."""
         cells, samples = values["cells"].tolist(), values["samples"]
-        known = self.board.snapshot.regime.size
-        if (values["run_id"], values["sweep_id"]) != (self.run_id, self._plan["sweep_id"]) or max(
-            cells, default=0
-        ) >= known:
+        if not self._is_mine(values) or max(cells, default=0) >= self._outline.cells:
             self.ignored += 1
             return
         self.board.waveform(cells, values["first_sample"], values["data"].reshape(len(cells), samples))
@@ -145,7 +147,7 @@ class Show:
             self.board.flush()
         if self._closing is None:
             return False
-        latest = settled(self._next or self.board.snapshot, self._plan["block_states"], self._plan["rounds"])
+        latest = self._with_block_states(self._next or self.board.snapshot)
         patience = LAST_MAP_S if self.drawn else FIRST_MAP_S
         return is_complete(latest) or now - self._closing > patience
 
@@ -162,10 +164,16 @@ class Show:
     def _draw(self, snapshot: Snapshot) -> None:
         self._next = None
         self.drawn += 1
-        self.board.map(settled(snapshot, self._plan["block_states"], self._plan["rounds"]))
+        self.board.map(self._with_block_states(snapshot))
+
+    def _with_block_states(self, snapshot: Snapshot) -> Snapshot:
+        return with_block_states(snapshot, self._outline, self._plan["block_states"])
+
+    def _is_mine(self, values: Mapping[str, Any]) -> bool:
+        return (values["run_id"], values["sweep_id"]) == (self.run_id, self._outline.sweep_id)
 
     def _account(self, nodes: Iterable[Node], state: str) -> None:
-        snapshot = settled(self.board.snapshot, self._plan["block_states"], self._plan["rounds"])
+        snapshot = self._with_block_states(self.board.snapshot)
         text = page(snapshot, nodes, self._clock(), state, self.board.rate(snapshot.done))
         if self.board.scope.left_out:
             text += f"\nOf the cells under inspection {len(self.board.scope.left_out)} are not shown: no room.\n"

@@ -19,11 +19,12 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.figures.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_colours
 from bow_sweep.maps.plane import (
     CLEAR,
     NEVER,
     NOT_COMPUTED,
-    PENDING,
     TEST_LAYERS,
     TEST_RANGES,
     Snapshot,
@@ -33,13 +34,12 @@ from bow_sweep.maps.plane import (
 )
 from bow_sweep.maps.terrain import TERRAINS, UNKNOWN
 from bow_sweep.view.blueprint import NO_CELLS, arrange, send
-from bow_sweep.view.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_colours
 from bow_sweep.view.decorations import (
-    Furniture,
-    layer_furniture,
-    regime_furniture,
-    terrain_furniture,
-    transient_furniture,
+    Decorations,
+    layer_decorations,
+    regime_decorations,
+    terrain_decorations,
+    transient_decorations,
 )
 from bow_sweep.view.scope import Scope, trace_name
 
@@ -97,7 +97,7 @@ class Board:
         self._history: list[tuple[float, int]] = []
         self._marked: set[int] = set()
         self._chunks: dict[int, list[tuple[int, np.ndarray]]] = {}
-        self._furniture: dict[str, Furniture] = {}
+        self._decorations: dict[str, Decorations] = {}
         rr.bindings.flush_and_cleanup_orphaned_recordings()  # or rerun keeps what recordings held that nobody has
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
@@ -152,7 +152,7 @@ class Board:
         drawn = (snapshot.shape, snapshot.x_name, snapshot.y_name, snapshot.regime_names)
         if drawn != self._drawn:
             self._drawn = drawn
-            self._draw_furniture()
+            self._draw_decorations()
         log = self._record.log
         self._now(among_samples=True)
         mask = snapshot.mask()
@@ -176,14 +176,14 @@ class Board:
         (first, before), (last, after) = self._history[0], self._history[-1]
         return (after - before) / (last - first) if last > first else 0.0
 
-    def _draw_furniture(self) -> None:
+    def _draw_decorations(self) -> None:
         """Log what does not change: axes, scales, what the codes mean; and arrange the views around it."""
         snapshot, log = self.snapshot, self._record.log
-        tests = {f"tests/{name}": layer_furniture(snapshot, name) for name in TEST_LAYERS}
-        self._furniture = {"map": transient_furniture(snapshot), **tests, "regime": regime_furniture(snapshot)}
-        self._furniture["terrain"] = terrain_furniture(snapshot)
-        for place, furniture in self._furniture.items():
-            self._draw(f"{place}/axes", furniture)
+        tests = {f"tests/{name}": layer_decorations(snapshot, name) for name in TEST_LAYERS}
+        self._decorations = {"map": transient_decorations(snapshot), **tests, "regime": regime_decorations(snapshot)}
+        self._decorations["terrain"] = terrain_decorations(snapshot)
+        for place, decorations in self._decorations.items():
+            self._draw(f"{place}/axes", decorations)
         masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
         for place in ("map", "tests"):
             log(place, rr.AnnotationContext(masks), static=True)
@@ -210,15 +210,15 @@ class Board:
         send(self._blueprint(), APPLICATION, self._record)
 
     def _blueprint(self) -> rrb.Blueprint:
-        return arrange(self._furniture, self.scope.cells)
+        return arrange(self._decorations, self.scope.cells)
 
-    def _draw(self, place: str, furniture: Furniture) -> None:
+    def _draw(self, place: str, decorations: Decorations) -> None:
         log = self._record.log
-        log(f"{place}/lines", rr.LineStrips2D(furniture.lines, colors=LINE_COLOUR, radii=THIN), static=True)
-        log(f"{place}/labels", _words(furniture.places, furniture.words), static=True)
-        if furniture.bar is not None:
-            where = rr.Transform3D(translation=[*furniture.bar_corner, 0.0], scale=furniture.bar_pixel)
-            picture = rr.Image(furniture.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
+        log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
+        log(f"{place}/labels", _words(decorations.places, decorations.words), static=True)
+        if decorations.bar is not None:
+            where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=decorations.bar_pixel)
+            picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
             log(f"{place}/scale", where, picture, static=True)
 
     def waveform(self, cells: Sequence[int], first_sample: int, data: np.ndarray) -> None:

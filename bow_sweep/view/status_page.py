@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.states import BlockState, NodeState
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.plane import MODEL_NAMES, Snapshot, regime_label
 from bow_sweep.maps.playability import MEASURES
 
@@ -43,31 +42,18 @@ class Node:
     heard: float
 
 
-def settled(
-    snapshot: Snapshot, block_states: Sequence[int] | np.ndarray, rounds: Sequence[int] | np.ndarray = ()
-) -> Snapshot:
-    """Return the map with the accounts that the plan's block states give: they are newer than the map's own.
+def with_block_states(snapshot: Snapshot, outline: SweepOutline, block_states: Sequence[int] | np.ndarray) -> Snapshot:
+    """Return the map with the numbers of cells that the block states of a plan give: they are newer than its own.
 
-    `rounds` are those of the plan; where they do not fit the states, the map keeps its accounts.
+    The map keeps its own numbers where there are not as many states as blocks.
     """
     states = np.asarray(block_states)
-    cells = snapshot.regime.size
-    if not states.size:
+    if len(states) != outline.blocks:
         return snapshot
-    try:
-        size = int(snapshot.values["block_cells"])
-    except (KeyError, ValueError):
-        size = -(-cells // states.size)
-    if len(rounds):
-        try:
-            blocks = Blocks.announced(cells, size, np.asarray(rounds))
-            sizes, planned = np.array([blocks.size(n) for n in range(states.size)]), blocks.planned_cells
-        except (ParameterError, IndexError):
-            return snapshot
-    else:
-        sizes, planned = np.minimum(size, cells - size * np.arange(states.size)).clip(0), cells
+    sizes = np.array([outline.planned.size(block) for block in range(outline.blocks)])
     done, quarantined = (int(sizes[states == state].sum()) for state in (BlockState.DONE, BlockState.QUARANTINED))
-    return replace(snapshot, done=done, quarantined=quarantined, outstanding=planned - done - quarantined)
+    outstanding = outline.planned.planned_cells - done - quarantined
+    return replace(snapshot, done=done, quarantined=quarantined, outstanding=outstanding)
 
 
 def is_complete(snapshot: Snapshot) -> bool:

@@ -21,7 +21,7 @@ from reference import corners as slow_corners
 from reference import periodicity as slow_periodicity
 from reference import slips as slow_slips
 
-from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.features.slips import Intervals
 from bow_classifier.verdict.decision import history
 from bow_classifier.verdict.regimes import REGIMES
@@ -33,15 +33,15 @@ TESTS = 4
 SAMPLES = TESTS * GEOMETRY.samples
 
 
-def judge(records, thresholds=None, bow_bridge=None):
-    """Return the judgements on every chunk of a block."""
-    judge = BlockJudge(GEOMETRY, thresholds or Thresholds(), len(records), bow_bridge=bow_bridge)
-    return [judge.judge(*chunk) for chunk in chunks(records)]
+def classify(records, thresholds=None, bow_bridge=None):
+    """Return the verdicts after every chunk of a block."""
+    classifier = BlockClassifier(GEOMETRY, thresholds or Thresholds(), len(records), bow_bridge=bow_bridge)
+    return [classifier.classify(*chunk) for chunk in chunks(records)]
 
 
 def regimes(record, thresholds=None):
     """Return the regime of one cell at every test after the first."""
-    return {REGIMES[one.regime[0]] for one in judge([record], thresholds)[1:]}
+    return {REGIMES[one.regime[0]] for one in classify([record], thresholds)[1:]}
 
 
 phases = st.floats(0, 1, exclude_max=True)
@@ -52,7 +52,7 @@ patient = settings(deadline=None)  # the first call may compile, and the machine
 @given(phases)
 def test_helmholtz_motion_is_found_wherever_in_its_period_the_window_begins(phase):
     record = helmholtz(SAMPLES, phase=phase)
-    for one in judge([record])[1:]:
+    for one in classify([record])[1:]:
         assert (one.slips[0], one.corners[0]) == (5, 5)
         assert one.period[0] == pytest.approx(139, abs=0.01)
         assert one.correlation[0] > 0.999
@@ -75,7 +75,7 @@ def test_extra_slips_of_schelleng_ripples_are_insignificant(phase):
     for size in (0.001, 0.03, 0.1):
         small = with_ripple_slips(record, size)
         assert regimes(small) == {"helmholtz_extra_slips"}
-        assert all(one.passed.all() for one in judge([small])[1:])
+        assert all(one.passed.all() for one in classify([small])[1:])
     assert regimes(with_ripple_slips(record, 0.2)) == {"multiple_slip"}
     assert regimes(with_ripple_slips(record, 0.03), Thresholds(slip=0.02)) == {"multiple_slip"}
 
@@ -83,7 +83,7 @@ def test_extra_slips_of_schelleng_ripples_are_insignificant(phase):
 @patient
 @given(phases, st.integers(2, 4))
 def test_two_and_more_slips_a_period_are_multiple_slip(phase, count):
-    for one in judge([multiple_slip(SAMPLES, count, phase=phase)])[1:]:
+    for one in classify([multiple_slip(SAMPLES, count, phase=phase)])[1:]:
         assert one.slips[0] == 5 * count
         assert REGIMES[one.regime[0]] == "multiple_slip"
 
@@ -92,7 +92,7 @@ def test_two_and_more_slips_a_period_are_multiple_slip(phase, count):
 @patient
 @given(phases)
 def test_a_cluster_of_flybacks_shows_as_many_corners_and_one_slip_a_period(corners, phase):
-    for one in judge([multiple_flyback(SAMPLES, corners, phase=phase)])[1:]:
+    for one in classify([multiple_flyback(SAMPLES, corners, phase=phase)])[1:]:
         assert (one.slips[0], one.corners[0]) == (5, 5 * corners)
         assert REGIMES[one.regime[0]] == "multiple_flyback"
 
@@ -101,7 +101,7 @@ def test_a_cluster_of_flybacks_shows_as_many_corners_and_one_slip_a_period(corne
 @patient
 @given(phases)
 def test_sticks_between_the_flybacks_of_a_cluster_make_it_no_multiple_slip(corners, phase):
-    for one in judge([sticking_flybacks(SAMPLES, corners, phase=phase)])[1:]:
+    for one in classify([sticking_flybacks(SAMPLES, corners, phase=phase)])[1:]:
         assert (one.slips[0], one.corners[0]) == (5 * corners, 5 * corners)
         assert REGIMES[one.regime[0]] == "multiple_flyback"
 
@@ -122,7 +122,7 @@ def test_a_string_at_rest_does_not_oscillate(level):
 @patient
 @given(phases, st.floats(136.5, 142.5))
 def test_a_period_off_the_nominal_one_is_measured_and_costs_a_test_only_at_the_windows_borders(phase, period):
-    for one in judge([helmholtz(SAMPLES, phase=phase, period=period)])[1:]:
+    for one in classify([helmholtz(SAMPLES, phase=phase, period=period)])[1:]:
         assert one.period[0] == pytest.approx(period, abs=0.5)  # sharp jumps lock to the sample grid
         assert 4 <= one.slips[0] <= 6
         assert one.passed[0] == (one.slips[0] == 5 and one.corners[0] == 5)
@@ -136,9 +136,9 @@ def test_a_cells_verdict_depends_on_nothing_but_the_cell_bit_for_bit(order, alon
     records = [makers[i % 4](SAMPLES) for i in range(9)]
     records = [Record(r.bridge_force + noise[i], r.slips) for i, r in enumerate(records)]
     bridges = np.array([15, 15, 15, 15, 7, 138, 1, 40, 15])
-    together = judge(records, bow_bridge=bridges)
-    shuffled = judge([records[i] for i in order], bow_bridge=bridges[list(order)])
-    single = judge([records[alone]], bow_bridge=None if bridges[alone] == 15 else bridges[alone])
+    together = classify(records, bow_bridge=bridges)
+    shuffled = classify([records[i] for i in order], bow_bridge=bridges[list(order)])
+    single = classify([records[alone]], bow_bridge=None if bridges[alone] == 15 else bridges[alone])
     for a, b, c in zip(together, shuffled, single, strict=True):
         for name in a._fields:
             whole = getattr(a, name)
@@ -147,7 +147,7 @@ def test_a_cells_verdict_depends_on_nothing_but_the_cell_bit_for_bit(order, alon
 
 
 def test_verdicts_have_the_types_of_the_message():
-    one = judge([helmholtz(SAMPLES)])[0]
+    one = classify([helmholtz(SAMPLES)])[0]
     kinds = {name: getattr(one, name).dtype.name for name in one._fields}
     assert kinds == {
         "correlation": "float32",
@@ -162,8 +162,8 @@ def test_verdicts_have_the_types_of_the_message():
 def test_thresholds_scale_with_the_bow_speed():
     record = helmholtz(SAMPLES)
     half = Record(record.bridge_force / 2, [(onset, duration, slip / 2) for onset, duration, slip in record.slips])
-    judge = BlockJudge(GEOMETRY, Thresholds(), 2, np.array([1.0, 0.5]))
-    ones = [judge.judge(*chunk) for chunk in chunks([record, half])]
+    classifier = BlockClassifier(GEOMETRY, Thresholds(), 2, np.array([1.0, 0.5]))
+    ones = [classifier.classify(*chunk) for chunk in chunks([record, half])]
     for one in ones[1:]:
         assert one.passed.all()
         assert one.confidence[0] == pytest.approx(one.confidence[1], rel=1e-5)
@@ -173,48 +173,48 @@ def test_thresholds_scale_with_the_bow_position():
     bridges = np.array([15, 7, 30, 40])
     record = helmholtz(SAMPLES)
     records = [Record(record.bridge_force * 15 / bridge, record.slips) for bridge in bridges]
-    for one in judge(records, bow_bridge=bridges)[1:]:
+    for one in classify(records, bow_bridge=bridges)[1:]:
         assert one.passed.all()
         np.testing.assert_allclose(one.confidence, one.confidence[0], rtol=1e-5)
-    for one in judge([record] * 2, bow_bridge=[15, 5])[1:]:  # the flyback at 5 would be three times as high
+    for one in classify([record] * 2, bow_bridge=[15, 5])[1:]:  # the flyback at 5 would be three times as high
         assert one.corners.tolist() == [5, 0]
 
 
 def test_silence_and_clusters_follow_the_bow_position():
     record = helmholtz(SAMPLES)
     soft = Record(record.bridge_force * 0.05, record.slips)
-    for one in judge([soft] * 2, bow_bridge=[15, 30])[1:]:
+    for one in classify([soft] * 2, bow_bridge=[15, 30])[1:]:
         assert [REGIMES[code] for code in one.regime] == ["no_oscillation", "other_periodic"]
     record = sticking_flybacks(SAMPLES, 3)  # sticks of 10 samples between the flybacks
     loud = Record(record.bridge_force * 3, record.slips)
-    for one in judge([loud] * 2, bow_bridge=[15, 5])[1:]:
+    for one in classify([loud] * 2, bow_bridge=[15, 5])[1:]:
         assert [REGIMES[code] for code in one.regime] == ["multiple_flyback", "multiple_slip"]
 
 
 def test_the_position_of_the_geometry_is_the_one_of_cells_without_their_own():
     records = [helmholtz(SAMPLES), multiple_slip(SAMPLES)]
     for bridge in (15, 15.0, [15, 15], np.array([15.0])):
-        for a, b in zip(judge(records), judge(records, bow_bridge=bridge), strict=True):
+        for a, b in zip(classify(records), classify(records, bow_bridge=bridge), strict=True):
             assert all(x.tobytes() == y.tobytes() for x, y in zip(a, b, strict=True))
 
 
 @pytest.mark.parametrize("wrong", [0, -3, 139, 7.5, np.nan, np.inf])
 def test_a_bow_that_is_not_on_a_sample_of_the_string_is_refused(wrong):
     with pytest.raises(ValueError, match=f"bow_bridge {float(wrong)}: should be a whole number of samples above 0"):
-        BlockJudge(GEOMETRY, Thresholds(), 2, bow_bridge=[15, wrong])
+        BlockClassifier(GEOMETRY, Thresholds(), 2, bow_bridge=[15, wrong])
 
 
 def test_a_refused_chunk_leaves_the_state_as_it_was():
     first, second, third, fourth = chunks([helmholtz(SAMPLES, phase=0.06)])
-    judge, same = BlockJudge(GEOMETRY, Thresholds(), 1), BlockJudge(GEOMETRY, Thresholds(), 1)
-    judge.judge(*first)
-    same.judge(*first)
+    classifier, same = BlockClassifier(GEOMETRY, Thresholds(), 1), BlockClassifier(GEOMETRY, Thresholds(), 1)
+    classifier.classify(*first)
+    same.classify(*first)
     with pytest.raises(ValueError, match="at the end of the chunk before"):
-        judge.judge(second[0], second[1]._replace(slipping=1 - second[1].slipping))
+        classifier.classify(second[0], second[1]._replace(slipping=1 - second[1].slipping))
     with pytest.raises(ValueError, match="should be"):
-        judge.judge(second[0][:, 1:], second[1])
+        classifier.classify(second[0][:, 1:], second[1])
     for chunk in (second, third, fourth):
-        for a, b in zip(judge.judge(*chunk), same.judge(*chunk), strict=True):
+        for a, b in zip(classifier.classify(*chunk), same.classify(*chunk), strict=True):
             assert a.tobytes() == b.tobytes()
 
 
@@ -242,7 +242,7 @@ def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
     for parameters, bridges, simulated in bowed:
         seen.append(set())
         thresholds, geometry = Thresholds(), Geometry.of(parameters)
-        judge = BlockJudge(geometry, thresholds, 24, bow_bridge=bridges)
+        classifier = BlockClassifier(geometry, thresholds, 24, bow_bridge=bridges)
         force = np.concatenate([chunk.bridge_force for chunk in simulated], axis=1).astype(float)
         slipping, speed = np.zeros(force.shape, bool), np.zeros(force.shape)
         for test, chunk in enumerate(simulated):
@@ -252,7 +252,7 @@ def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
                     slipping[cell, onset : onset + int(chunk.duration[k])] = True
                     speed[cell, onset + int(chunk.duration[k]) - 1] = chunk.slip[k]
         for test, chunk in enumerate(simulated):
-            found = judge.judge(chunk.bridge_force, intervals(chunk))
+            found = classifier.classify(chunk.bridge_force, intervals(chunk))
             begin, end = test * geometry.samples, (test + 1) * geometry.samples
             for cell in range(24):
                 correlation, period = slow_periodicity(force[cell], end, geometry.period, range(135, 146))
@@ -276,9 +276,9 @@ def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
 def test_the_papers_transients_end_in_helmholtz_motion(force, periods):
     parameters = Parameters(model="delta_cremer", v_mid=0.7, f_asym=force, f_init_ratio=1.0)
     block = Block(parameters, {"f_asym": np.array([force])})
-    judge = BlockJudge(Geometry.of(parameters), Thresholds(), 1)
+    classifier = BlockClassifier(Geometry.of(parameters), Thresholds(), 1)
     simulated = (block.advance() for _ in range(parameters.chunks))
-    passed = np.array([judge.judge(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
+    passed = np.array([classifier.classify(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
     transient, regressions = history(passed)
     assert periods <= transient[0] <= periods + 10  # regular from there on; the window is five periods long
     assert regressions[0] == 0
@@ -292,8 +292,8 @@ def test_every_fourth_row_and_column_of_fig_11_c_and_d_has_its_share_of_helmholt
     for f_init_ratio in y.reshape(-1, 4):
         plane = np.meshgrid(x, f_init_ratio)
         block = Block(parameters, {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()})
-        judge = BlockJudge(Geometry.of(parameters), trial, plane[0].size)
+        classifier = BlockClassifier(Geometry.of(parameters), trial, plane[0].size)
         simulated = (block.advance() for _ in range(parameters.chunks))
-        passed = np.array([judge.judge(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
+        passed = np.array([classifier.classify(chunk.bridge_force, intervals(chunk)).passed for chunk in simulated])
         share.append((history(passed)[0] > 0).mean())
     assert least < np.mean(share) < most

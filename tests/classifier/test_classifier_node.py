@@ -16,7 +16,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message
 
-from bow_classifier.block_classifier import BlockJudge, Geometry
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.features.slips import Intervals
 from bow_classifier.node import ClassifierNode
 from bow_classifier.verdict.thresholds import Thresholds
@@ -148,13 +148,13 @@ def test_a_sweep_is_judged_duplicates_answered_and_the_rest_ignored(graph, class
     graph.until(lambda: len(graph.verdicts) == PARAMETERS.chunks + 1)
     graph.until(lambda: graph.health["classifier"].messages == 2 * PARAMETERS.chunks + 6)
 
-    judge = BlockJudge(Geometry.of(PARAMETERS), THRESHOLDS, 6)
+    classifier = BlockClassifier(Geometry.of(PARAMETERS), THRESHOLDS, 6)
     for chunk, data in enumerate(graph.verdicts[:-1]):
         verdict = cdr.unseal("Verdicts", data)
         assert cdr.identity(verdict) == (RUN, SWEEP, 0, chunk, 1)
         assert verdict["classifier"] == THRESHOLDS.hash
         assert verdict["incarnation"] == graph.health["classifier"].incarnation
-        expected = judge.judge(
+        expected = classifier.classify(
             simulated[chunk].bridge_force, Intervals(*(getattr(simulated[chunk], n) for n in Intervals._fields))
         )
         for name, values in expected._asdict().items():

@@ -15,16 +15,17 @@ from kinematics import (
     silence,
     sticking_flybacks,
 )
+from outlines import outline
 
 from bow_classifier import stream
-from bow_classifier.block_classifier import BlockJudge
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.stream import FORCE, SLIP, Classifier
 from bow_classifier.task import Task
 from bow_classifier.verdict.regimes import REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.protocol import cdr
 
-RUN, SWEEP = "0123456789abcdef", "fedcba9876543210"
+RUN, SWEEP, NEXT = "0123456789abcdef", "fedcba9876543210", "ffffffffffffffff"
 CHUNKS = 5
 SETTINGS = (
     "block_cells=2",
@@ -41,7 +42,7 @@ SETTINGS = (
     "y.name=f_init_ratio",
     "y.scale=linear",
 )
-TASK = Task.from_settings(RUN, SWEEP, SETTINGS)
+TASK = Task.of(outline(RUN, SWEEP, SETTINGS))
 RECORDS = {
     0: [helmholtz(SAMPLES_OF_STREAMS), multiple_slip(SAMPLES_OF_STREAMS)],
     1: [multiple_flyback(SAMPLES_OF_STREAMS, 3)],
@@ -59,7 +60,7 @@ def message(name, chunk, block=0, attempt=1, content=None, **changes):
         "chunk": chunk,
         "attempt": attempt,
         "incarnation": f"simulator {attempt}",
-        "cells": TASK.block(block % TASK.blocks),
+        "cells": TASK.outline.block(block % TASK.outline.blocks),
         "first_sample": chunk * 695,
         "samples": 695,
         "data": force,
@@ -304,7 +305,7 @@ def test_a_plan_whose_rounds_change_what_is_known_is_ignored(rounds):
 def test_a_block_that_is_judged_to_the_end_keeps_only_its_answers():
     classifier = ready()
     feed(classifier, *everything())
-    assert classifier._blocks[0].judge is None
+    assert classifier._blocks[0].classifier is None
     assert judged(feed(classifier, *everything(attempt=2))) == [(0, chunk, 2) for chunk in range(CHUNKS)]
 
 
@@ -334,11 +335,11 @@ def test_a_new_epoch_keeps_what_is_known_and_an_older_one_is_ignored():
 def test_another_run_begins_anew_and_the_end_of_the_one_before_does_not_end_it():
     classifier = ready()
     feed(classifier, *both(0))
-    classifier.plan(plan(run_id="next"))
+    classifier.plan(plan(run_id=NEXT))
     classifier.plan(plan(state=2))
-    assert classifier.task.run_id == "next"
+    assert classifier.task.outline.run_id == NEXT
     assert feed(classifier, *both(1)) == []
-    assert judged(feed(classifier, *both(0, run_id="next"))) == [(0, 0, 1)]
+    assert judged(feed(classifier, *both(0, run_id=NEXT))) == [(0, 0, 1)]
 
 
 @pytest.mark.parametrize(
@@ -351,9 +352,9 @@ def test_another_run_begins_anew_and_the_end_of_the_one_before_does_not_end_it()
         ({"spec.settings": [*SETTINGS, "block_cells=0"]}, "block_cells = 0"),
         ({"spec.settings": [*SETTINGS, "nonsense"]}, "nonsense"),
         ({"spec.settings": [*SETTINGS, "x.name=period"]}, "x.name = 'period'"),
-        ({"spec.settings": [*SETTINGS, "x.name=bow_bridge"]}, "axis of bow_bridge: bow_bridge = 0.5: must be a whole"),
-        ({"spec.settings": [*SETTINGS, "x.name=v_b", "x.first=0"]}, "axis of v_b: 0.0: should be a number above 0"),
-        ({"spec.settings": [*SETTINGS, "x.name=v_b", "x.scale=cubic"]}, "axis of v_b: scale = 'cubic'"),
+        ({"spec.settings": [*SETTINGS, "x.name=bow_bridge"]}, "x.count = 3: bow_bridge takes whole numbers"),
+        ({"spec.settings": [*SETTINGS, "x.name=v_b", "x.first=0"]}, "x.first = 0.0: should be above 0"),
+        ({"spec.settings": [*SETTINGS, "x.name=v_b", "x.scale=cubic"]}, "x.scale = 'cubic'"),
     ],
 )
 def test_a_plan_that_cannot_be_judged_is_a_problem_until_the_next(changes, says):
@@ -362,14 +363,14 @@ def test_a_plan_that_cannot_be_judged_is_a_problem_until_the_next(changes, says)
     assert classifier.task is None
     assert says in classifier.problem
     assert feed(classifier, *both(0)) == []
-    classifier.plan(plan(sweep_id="another"))
+    classifier.plan(plan(sweep_id="a" * 16))
     assert classifier.problem == ""
     assert classifier.task is not None
 
 
 def test_every_cell_of_a_map_of_bow_position_is_judged_by_its_own():
     axis = ("x.name=bow_bridge", "x.scale=linear", "x.first=5", "x.last=35", "block_cells=3")
-    task = Task.from_settings(RUN, SWEEP, [*SETTINGS, *axis])
+    task = Task.of(outline(RUN, SWEEP, [*SETTINGS, *axis]))
     classifier = Classifier("me")
     classifier.open(task)
     record = sticking_flybacks(SAMPLES_OF_STREAMS, 3)
@@ -377,10 +378,10 @@ def test_every_cell_of_a_map_of_bow_position_is_judged_by_its_own():
     out = []
     for chunk in range(2):
         for name in (FORCE, SLIP):
-            out += classifier.take(name, message(name, chunk, content=content[chunk], cells=task.block(0)))
+            out += classifier.take(name, message(name, chunk, content=content[chunk], cells=task.outline.block(0)))
     last = cdr.unseal("Verdicts", out[-1])
-    judge = BlockJudge(task.geometry, task.thresholds, 3, bow_bridge=[5, 20, 35])
-    expected = [judge.judge(*chunk) for chunk in content[:2]][-1]
+    block = BlockClassifier(Geometry.of(task.outline.parameters), task.thresholds, 3, bow_bridge=[5, 20, 35])
+    expected = [block.classify(*chunk) for chunk in content[:2]][-1]
     for name in expected._fields:
         assert last[name].tobytes() == getattr(expected, name).tobytes()
     assert [REGIMES[code] for code in last["regime"]][:2] == ["multiple_slip", "multiple_flyback"]

@@ -1,6 +1,6 @@
 """Whatever a stranger hands in: a clear refusal or a right answer; no crash, no hang, no memory by a stranger's number.
 
-The targets are in `targets`, chance is in Hypothesis's hands. `python -m bench.fuzz` runs many more of them.
+The targets are in `targets`, chance is in Hypothesis's hands. `python tests/stress/fuzz.py` runs many more of them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 CASES = 40
-"""Times a target's share: some 4200 cases in all, and many more in `python -m bench.fuzz`."""
+"""Times a target's share: some 4200 cases in all, and many more in `python tests/stress/fuzz.py`."""
 
 NAMES = ("goal", "plan", "wire", "block", "answers", "stream", "preset", "ledger", "map", "scan", "bag", "beside")
 

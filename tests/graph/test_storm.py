@@ -19,7 +19,7 @@ LONG = ["fig11d", "--nx", "64", "--ny", "32", "--set", "block_cells=16"]
 KILLS = 20
 
 CHANCE = 4
-"""Files that may stay in shared memory: 120 strikes left 2. Without a janitor it is one a strike."""
+"""Files that may stay in shared memory: 120 strikes left 2. Without a cleaner it is one a strike."""
 
 ROLES = (
     "simulator",
@@ -28,7 +28,7 @@ ROLES = (
     "recorder",
     "dashboard",
     "coordinator",
-    "janitor",
+    "shm_cleaner",
     "all simulators",
     "everything",
 )
@@ -37,9 +37,9 @@ ROLES = (
 def strike(sweep: Sweep, role: str) -> bool:
     """SIGKILL what a role stands for; return whether there was something to kill."""
     if role == "everything":
-        victims = [*sweep.janitors(), *sweep.children(), psutil.Process(sweep.process.pid)]
-    elif role == "janitor":
-        victims = sweep.janitors()
+        victims = [*sweep.shm_cleaners(), *sweep.children(), psutil.Process(sweep.process.pid)]
+    elif role == "shm_cleaner":
+        victims = sweep.shm_cleaners()
     else:
         victims = sweep.children("simulator" if role == "all simulators" else role)
         victims = victims if role == "all simulators" else victims[:1]
@@ -76,5 +76,5 @@ def test_the_account_is_exact_after_twenty_kills(seed: int, tmp_path: Path) -> N
         assert orphans(run) == [], struck
         verified(run)
         assert_same_map(undisturbed, run)
-    left = dead_files() - before  # made in the millisecond before a kill, or while a killed janitor was replaced
+    left = dead_files() - before  # made in the millisecond before a kill, or while a killed cleaner was replaced
     assert len(left) <= CHANCE, (left, struck)

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.map_file import MapFile
-from bow_sweep.maps.plane import PENDING
 
 RUN, SWEEP = "0123456789abcdef", "fedcba9876543210"
 REGIMES = ("no_oscillation", "helmholtz", "multiple_slip", "multiple_flyback", "other_periodic", "aperiodic")
@@ -61,6 +62,11 @@ def plan(state: int = 1, epoch: int = 1, run: str = RUN, nx: int = 8, ny: int = 
         "rounds": np.zeros(0, np.uint8),
         "incarnation": "c" * 16,
     }
+
+
+def outline(run: str = RUN) -> SweepOutline:
+    """The outline that :func:`plan` describes."""
+    return SweepOutline.of(plan(run=run))
 
 
 def basin_map(nx: int = 8, ny: int = 4, computed: int | None = None, run: str = RUN) -> dict[str, Any]:

@@ -31,7 +31,7 @@ class Labelled(NamedTuple):
 
     record: Record
     regime: str
-    count: int
+    count: int  # type: ignore[assignment]  # hides tuple.count, which nobody needs here
     period: float
 
 

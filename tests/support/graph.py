@@ -54,9 +54,9 @@ class Sweep:
         """Return the processes of its graph, or those of one role."""
         return self._family(lambda words: "--ros-args" in words and f"__node:={role}" in words)
 
-    def janitors(self) -> list[psutil.Process]:
+    def shm_cleaners(self) -> list[psutil.Process]:
         """Return the process that removes what dead ones leave in shared memory: it can be killed too."""
-        return self._family(lambda words: "janitor" in words)
+        return self._family(lambda words: "shm_cleaner" in words)
 
     def _family(self, says: Callable[[str], bool]) -> list[psutil.Process]:
         """Return the children of which the command line says so."""

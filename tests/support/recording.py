@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from outlines import outline
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
@@ -95,7 +96,7 @@ def chunks(
     cells = blocks.block(block)
     string = Block(sweep.parameters, sweep.lanes(cells))
     classifier = Classifier("c" * 16)
-    classifier.open(Task.from_settings(run, sweep.sweep_id, sweep.settings(), blocks.announce()))
+    classifier.open(Task.of(outline(run, sweep.sweep_id, sweep.settings(), blocks.announce())))
     out = []
     for chunk in range(sweep.chunks):
         result = string.advance()

@@ -1,7 +1,7 @@
 """What a stranger can hand to this package, and what must come of it: each target takes chance and makes one case.
 
 A case passes where the answer is right or a clear refusal; whatever else is raised, is a bug. Chance is a
-:class:`random.Random`: Hypothesis brings its own and shrinks, ``python -m bench.fuzz`` brings seeds.
+:class:`random.Random`: Hypothesis brings its own and shrinks, ``python tests/stress/fuzz.py`` brings seeds.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
 from bow_sim.protocol.neighbours import Neighbours
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.coordinator.resume import prepare
 from bow_sweep.coordinator.session import CoordinatorSession
 from bow_sweep.coordinator.session_events import ReceiptReceived, RunGiven, VerdictsReceived
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz, write_map_npz
-from bow_sweep.plan import sweep as plans
+from bow_sweep.plan import presets as plans
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import METADATA, BagError, bag_files
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.recover import recover
 from bow_sweep.record.replay import load_verdicts, replay
@@ -73,7 +73,7 @@ class Targets:
         self.whole_map = self.map.read_bytes()
         self.presets = room / "presets"
         self.presets.mkdir()
-        self.texts = {path.name: path.read_bytes() for path in (plans.preset_directory() / "presets").glob("*.yaml")}
+        self.texts = {path.name: path.read_bytes() for path in plans.preset_directory().glob("*.yaml")}
         self.finished = recording.leave_all(recording.record(room / "finished", SWEEP), SWEEP)
         self.left = {name: (self.finished / name).read_bytes() for name in ("ledger.jsonl", "map.npz", "report.json")}
         run = Run.create(room / "ledgers", recording.RUN, SWEEP)
@@ -121,7 +121,7 @@ class Targets:
             Block(sweep.parameters, sweep.lanes(sweep.block(0)))
 
     def plan(self, chance: Chance) -> None:
-        """Recorder and classifier take a plan that fits their bounds, or refuse it."""
+        """A plan is taken where it fits the bounds, or refused."""
         lines = {line.partition("=")[0]: line for line in SWEEP.settings()}
         for line in odd_settings(chance):
             lines[line.partition("=")[0]] = line
@@ -132,15 +132,14 @@ class Targets:
             values["run_id"] = odd_text(chance)
         if chance.random() < 0.3:
             values["rounds"] = odd_array(chance, chance.choice([0, 1, 12, 12, 13]), np.uint8)
-        settings, rounds = values["spec.settings"], values["rounds"]
-        for take in (lambda: Expected.of(values), lambda: Task.from_settings("r", "s", settings, rounds)):
-            try:
-                made: Any = take()
-            except ParameterError:
-                continue
-            assert made.planned.cells <= MAX_CELLS
-            assert made.planned.cells * made.chunks <= MAX_VERDICTS
-            assert len(made.block(0)) <= MAX_BLOCK_CELLS
+        try:
+            made = SweepOutline.of(values)
+            Task.of(made)
+        except ParameterError:
+            return
+        assert made.cells <= MAX_CELLS
+        assert made.cells * made.chunks <= MAX_VERDICTS
+        assert len(made.block(0)) <= MAX_BLOCK_CELLS
 
     def preset(self, chance: Chance) -> None:
         """A preset file that is none is named as such, and does not keep the others from use."""
@@ -149,7 +148,7 @@ class Targets:
         path = self.presets / name
         path.write_bytes(text)
         (self.presets / "good.yaml").write_bytes(self.texts["raman.yaml"])
-        before, plans.preset_directory = plans.preset_directory, lambda: self.room
+        before, plans.preset_directory = plans.preset_directory, lambda: self.presets
         try:
             assert {"good", path.stem} == set(plans.presets())
             Sweep.from_spec("good")

@@ -1,4 +1,4 @@
-"""The executables are quiet where a signal comes while Python still imports their code."""
+"""A signal during the imports ends the executables without a traceback."""
 
 import signal
 import subprocess
@@ -19,8 +19,8 @@ except BaseException:
 """
 
 
-def told_while_importing(module: Path, arguments: list[str], name: str) -> subprocess.CompletedProcess[str]:
-    """Run an executable with a module in place of its own, which has a signal sent in the middle of it."""
+def interrupted_while_importing(module: Path, arguments: list[str], name: str) -> subprocess.CompletedProcess[str]:
+    """Run an executable with a module in place of its own that sends itself a signal while it is imported."""
     module.write_text(SLOW.format(name=name))
     program = (
         f"import sys; sys.path.insert(0, {str(module.parent)!r}); from bow_sweep import entry\n"
@@ -31,17 +31,17 @@ def told_while_importing(module: Path, arguments: list[str], name: str) -> subpr
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
-def test_a_node_told_to_stop_before_it_lives_ends_well_and_without_a_word(tmp_path: Path, name: str) -> None:
-    ended = told_while_importing(tmp_path / "slow.py", ["simulator"], name)
+def test_a_node_interrupted_while_it_starts_ends_with_status_0_and_prints_nothing(tmp_path: Path, name: str) -> None:
+    ended = interrupted_while_importing(tmp_path / "slow.py", ["simulator"], name)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
-def test_the_command_says_that_it_was_interrupted(tmp_path: Path) -> None:
-    ended = told_while_importing(tmp_path / "slow.py", ["sweep"], "SIGINT")
+def test_the_command_reports_that_it_was_interrupted(tmp_path: Path) -> None:
+    ended = interrupted_while_importing(tmp_path / "slow.py", ["sweep"], "SIGINT")
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "bow: interrupted\n")
 
 
-def test_the_command_has_the_handlers_of_before_once_it_is_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_handlers_are_restored_after_the_imports(monkeypatch: pytest.MonkeyPatch) -> None:
     before = [signal.getsignal(number) for number in entry.SIGNALS]
     monkeypatch.setattr(sys, "argv", ["bow", "settings"])
     monkeypatch.setattr(f"{entry.MAIN}.main", lambda: 7)
@@ -49,7 +49,19 @@ def test_the_command_has_the_handlers_of_before_once_it_is_imported(monkeypatch:
     assert [signal.getsignal(number) for number in entry.SIGNALS] == before
 
 
-def test_who_has_ignored_ctrl_c_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_is_reported_where_main_does_not_catch_it(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def main() -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "argv", ["bow", "settings"])
+    monkeypatch.setattr(f"{entry.MAIN}.main", main)
+    assert entry.command() == 130
+    assert capfd.readouterr().err == "bow: interrupted\n"
+
+
+def test_where_ctrl_c_is_ignored_the_command_goes_on(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\ndef main(): return 5\n")
     program = (
         f"import signal, sys; sys.path.insert(0, {str(tmp_path)!r}); signal.signal(signal.SIGINT, signal.SIG_IGN)\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bow_classifier.verdict import regimes, thresholds
-from bow_classifier.verdict.decision import Evidence, decide, history
+from bow_classifier.verdict.decision import Decision, Features, Limits, decide_cell, history
 from bow_classifier.verdict.regimes import DEFINITIONS, REGIMES, count, is_helmholtz
 from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS, Thresholds
 from bow_sim.physics.errors import ParameterError
@@ -111,8 +111,9 @@ def verdict(**seen):
     assert seen.keys() <= WHAT_IS_SEEN.keys()
     seen = {"slip_clusters": seen.get("slips", 5), "corner_clusters": seen.get("corners", 5), **seen}
     fields = {name: np.array([seen.get(name, usual)], kind) for name, (usual, kind) in WHAT_IS_SEEN.items()}
-    one = decide(Evidence(**fields), 139, Thresholds())
-    return REGIMES[one.regime[0]], float(one.confidence[0])
+    decision = Decision.empty(1)
+    decide_cell(0, Features(**fields), Limits.of(139, Thresholds()), decision)
+    return REGIMES[decision.regime[0]], float(decision.confidence[0])
 
 
 FLYBACKS = {"corners": 15, "corner_clusters": 5}

@@ -1,21 +1,26 @@
-"""A compiled test is never older than the sources that it is made of."""
+"""The compiled classifier is never older than the sources that it is made of."""
 
 from __future__ import annotations
 
-import ast
 import importlib
-from pathlib import Path
 
 import numba
-import pytest
 from numba.core.dispatcher import Dispatcher
+from sources import made_of
 
-from bow_classifier import chunk_pass
-from bow_classifier.features import corners, long_periods, periodicity, ripples, slips
-from bow_classifier.verdict import decision, fingerprint, thresholds
+from bow_classifier.chunk_pass import classify_cells
+from bow_classifier.verdict import fingerprint, thresholds
 from bow_classifier.verdict.fingerprint import SOURCES, VERSION
 
-MODULES = (chunk_pass, corners, ripples, long_periods, periodicity, decision, slips)
+NO_SOURCES = {
+    "bow_classifier.verdict.fingerprint",  # lists them
+    "bow_sim.simd.code_cache",  # stores the code
+    "bow_sim.physics.errors",
+    "bow_sim.physics.parameters",  # the length of a chunk, which the messages show, and checks of thresholds
+    "bow_sim.physics.reflection_text",  # of parameters
+    "bow_sim.physics.number_files",
+}
+"""Modules that the classifier imports and that decide no verdict."""
 
 
 def test_numba_keeps_a_function_for_the_version_that_it_holds(monkeypatch, tmp_path):
@@ -49,32 +54,17 @@ def test_the_version_is_that_of_every_source(monkeypatch, tmp_path):
     assert len(seen) == 3
 
 
-def ours(module):
-    """Return {name: file} of what a module has from other files of ours, and what it makes of that at once."""
-    tree, found = ast.parse(Path(module.__file__).read_text()), {}
-    for node in tree.body:
-        if isinstance(node, ast.ImportFrom) and (node.level or node.module.startswith("bow_")):
-            for alias in node.names:
-                room = ("bow_classifier." if node.level else "") + node.module
-                file = Path(importlib.import_module(room).__file__)
-                inner = file.with_name(f"{alias.name}.py")  # ``from bow_sim import simd`` names a module
-                found[alias.asname or alias.name] = inner if file.name == "__init__.py" else file
-        if isinstance(node, (ast.Assign, ast.AnnAssign)):
-            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            for part in ast.walk(node.value):
-                if isinstance(part, ast.Name) and part.id in found:
-                    found.update({target.id: found[part.id] for target in targets})
-    return found
+def test_the_sources_are_all_modules_that_the_verdicts_are_made_of():
+    modules = made_of("bow_classifier.block_classifier")
+    assert modules.keys() >= NO_SOURCES
+    assert sorted(SOURCES) == sorted(path for name, path in modules.items() if name not in NO_SOURCES)
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_what_is_kept_and_made_of_several_files_holds_their_version(module):
-    compiled = [value for value in vars(module).values() if isinstance(value, Dispatcher)]
-    kept = [function.py_func for function in compiled if function.stats.cache_path]
-    assert kept
-    names = {name for function in compiled for name in function.py_func.__code__.co_names}
-    foreign = {file for name, file in ours(module).items() if name in names}
-    assert foreign <= set(SOURCES)
-    assert bool(foreign) == (module is not slips)
-    if foreign:
-        assert all(VERSION in [cell.cell_contents for cell in function.__closure__ or ()] for function in kept)
+def test_one_function_is_kept_and_holds_the_version_of_all_sources():
+    kept = {}
+    for name in made_of("bow_classifier.block_classifier"):
+        for value in vars(importlib.import_module(name)).values():
+            if isinstance(value, Dispatcher) and value.stats.cache_path:
+                kept[value.py_func] = name
+    assert kept == {classify_cells.py_func: "bow_classifier.chunk_pass"}
+    assert VERSION in [cell.cell_contents for cell in classify_cells.py_func.__closure__]

@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kinematics import GEOMETRY, HEIGHT, N, Record, chunks
 from reference import periodicity as slow_periodicity
+from window import measure, one_slip
 
-from bow_classifier.block_classifier import BlockJudge, Geometry
-from bow_classifier.features.long_periods import long_periods, reach
-from bow_classifier.features.ripples import ripple
+from bow_classifier.block_classifier import BlockClassifier, Geometry
+from bow_classifier.features.long_periods import samples_before
 from bow_classifier.features.slips import Intervals
 from bow_classifier.verdict.regimes import REGIMES, count
 from bow_classifier.verdict.thresholds import Thresholds
@@ -32,22 +32,22 @@ patient = settings(deadline=None, max_examples=25)  # the first call may compile
 seeds = st.integers(0, 10_000)
 
 
-def judge(records):
-    """Return the judge of a block after its last chunk, and the last judgement."""
-    judge = BlockJudge(GEOMETRY, Thresholds(), len(records))
+def classify(records):
+    """Return the classifier of a block after its last chunk, and its last verdicts."""
+    classifier = BlockClassifier(GEOMETRY, Thresholds(), len(records))
     for chunk in chunks(records):
-        last = judge.judge(*chunk)
-    return judge, last
+        last = classifier.classify(*chunk)
+    return classifier, last
 
 
 def name(record):
-    return REGIMES[judge([record])[1].regime[0]]
+    return REGIMES[classify([record])[1].regime[0]]
 
 
 @pytest.fixture(scope="module")
 def drawn():
     records = list(mixture(450, seed=7))
-    return records, judge([one.record for one in records])[1]
+    return records, classify([one.record for one in records])[1]
 
 
 @pytest.mark.parametrize("regime", DRAW)
@@ -95,7 +95,7 @@ PERIODIC = {
 def test_where_the_window_begins_changes_no_name(regime):
     """But where jitter moves a slip, or a corner lies, across the window's edge: 1 of 200 Helmholtz motions."""
     records = [render(PERIODIC[regime], MILD, np.random.default_rng(phase)) for phase in range(1000)]
-    names = [REGIMES[code] for code in judge(records)[1].regime]
+    names = [REGIMES[code] for code in classify(records)[1].regime]
     assert names.count(regime) >= 990
     assert set(names) <= {regime, "other_periodic"}
 
@@ -123,9 +123,9 @@ def test_added_noise_changes_no_name(regime, seed, share):
 def test_the_force_has_no_unit_but_the_bow_speeds(seed, speed):
     one = DRAW[list(DRAW)[seed % len(DRAW)]](np.random.default_rng(seed)).record
     other = Record(one.bridge_force * speed, [(onset, long, slip * speed) for onset, long, slip in one.slips])
-    both = BlockJudge(GEOMETRY, Thresholds(), 2, np.array([1.0, speed]))
+    both = BlockClassifier(GEOMETRY, Thresholds(), 2, np.array([1.0, speed]))
     for chunk in chunks([one, other]):
-        last = both.judge(*chunk)
+        last = both.classify(*chunk)
     assert last.regime[0] == last.regime[1]
     assert last.confidence[0] == pytest.approx(last.confidence[1], abs=1e-3)
 
@@ -133,11 +133,19 @@ def test_the_force_has_no_unit_but_the_bow_speeds(seed, speed):
 def test_every_verdict_is_the_cells_own_bit_for_bit():
     records = [one.record for one in mixture(36, seed=3)]
     order = np.random.default_rng(1).permutation(36)
-    together, shuffled = judge(records)[1], judge([records[i] for i in order])[1]
-    alone = judge([records[5]])[1]
+    together, shuffled = classify(records)[1], classify([records[i] for i in order])[1]
+    alone = classify([records[5]])[1]
     for field in together._fields:
         assert getattr(together, field)[order].tobytes() == getattr(shuffled, field).tobytes()
         assert getattr(together, field)[5:6].tobytes() == getattr(alone, field).tobytes()
+
+
+def long_search(record, start, lags, least):
+    """Return correlation and period of cells that move and have no period near the nominal one; NaN for none."""
+    found = measure(
+        record, start, long=lags, intervals=one_slip(len(record), range(len(record))), correlation=least, silence=0.0
+    )
+    return found.correlation, found.period
 
 
 @patient
@@ -145,10 +153,8 @@ def test_every_verdict_is_the_cells_own_bit_for_bit():
 def test_a_long_period_and_its_correlation_are_those_of_the_definition(seed, regime):
     x = DRAW[regime](np.random.default_rng(seed)).record.bridge_force
     lags = Thresholds().long_lags(N)
-    start = reach(lags[1])
-    record = x[None, -(start + GEOMETRY.samples) :].astype(np.float32)
-    correlation, place = np.full(1, np.nan, np.float32), np.full(1, np.nan, np.float32)
-    long_periods(record, start, N, lags, 0.9, np.ones(1, bool), correlation, place)
+    start = samples_before(lags[1])
+    correlation, place = long_search(x[None, -(start + GEOMETRY.samples) :], start, lags, 0.9)
     best, _ = slow_periodicity(x, SAMPLES, N, range(*lags))
     if np.isnan(place[0]):
         assert not best > 0.97  # averages of eight samples may miss what barely repeats
@@ -164,41 +170,53 @@ def test_the_shortest_of_equal_lags_counts():
     t = np.arange(SAMPLES)
     for period in (163, 217):
         x = np.floor(t / period) - t / period
-        record = x[None].astype(np.float32)
-        correlation, place = np.full(1, np.nan, np.float32), np.full(1, np.nan, np.float32)
-        long_periods(record, SAMPLES - 695, N, (146, 435), 0.95, np.ones(1, bool), correlation, place)
+        _, place = long_search(x[None], SAMPLES - 695, (146, 435), 0.95)
         assert place[0] == pytest.approx(period, abs=0.1)
 
 
-def test_cells_that_are_not_asked_about_stay_as_they_were():
-    record = np.random.default_rng(1).normal(size=(2, SAMPLES)).astype(np.float32)
-    correlation, place = np.full(2, 0.3, np.float32), np.full(2, 140, np.float32)
-    long_periods(record, SAMPLES - 695, N, (146, 435), -1.0, np.array([False, True]), correlation, place)
-    assert (correlation[0], place[0]) == (np.float32(0.3), 140)
-    assert place[1] >= 146
+def test_only_cells_that_move_and_have_no_period_near_the_nominal_one_are_searched_at_long_lags():
+    noise = np.random.default_rng(1).normal(size=SAMPLES)
+    record = np.array([noise, noise, noise * 1e-3, np.sin(2 * np.pi * np.arange(SAMPLES) / N)])
+    found = measure(
+        record, SAMPLES - 695, near=(135, 145), intervals=one_slip(4, [1, 2, 3]), correlation=0.5, silence=0.1
+    )
+    assert not (found.correlation[:3] > 0.5).any()
+    assert found.correlation[0] == found.correlation[1]  # noise repeats nowhere: the first test's result is kept
+    assert found.period[3] == pytest.approx(N, abs=0.01)
+    any_lag = measure(
+        record, SAMPLES - 695, near=(135, 145), intervals=one_slip(4, [1, 2, 3]), correlation=0.0, silence=0.1
+    )
+    unsearched = measure(record, SAMPLES - 695, near=(135, 145), correlation=0.0, silence=0.1)
+    searched = any_lag.period != unsearched.period
+    assert not searched[[0, 2, 3]].any()
 
 
-@pytest.mark.parametrize(("start", "lags"), [(100, (146, 435)), (600, (139, 435)), (600, (300, 200))])
-def test_long_lags_beyond_the_record_or_within_the_period_are_refused(start, lags):
-    with pytest.raises(ValueError, match="should lie beyond the period"):
-        long_periods(np.zeros((0, start + 695), np.float32), start, N, lags, 0.9, *np.zeros((3, 0)))
+def test_long_lags_lie_beyond_the_near_ones_and_within_the_history():
+    for period in (8, 20, 139, 1000):
+        for long in (1.101, 3.13, 4.99):
+            thresholds = Thresholds(lag_long=long)
+            block = BlockClassifier(Geometry(period, 1, 5 * period), thresholds, 1)
+            lags = block._setup.lags
+            assert period < lags.last < lags.shortest < lags.longest
+            assert block._state.history.shape[1] >= samples_before(lags.longest) > lags.longest
 
 
 @pytest.mark.parametrize("delay", [5, 15, 40])
 def test_the_ripples_line_is_that_of_the_spectrum(delay):
-    rng = np.random.default_rng(2)
-    x = np.tile(rng.normal(size=142), 5).astype(np.float32)
+    x = np.tile(np.random.default_rng(2).normal(size=142), 10).astype(np.float32)
     power = np.abs(np.fft.rfft(x[-142:].astype(float)))
     band = [k for k in range(3, 72) if abs(k * delay / 142 - 1) <= 0.25]
-    share = ripple(np.array([x, x]), np.array([142, 142.3], np.float32), np.full(2, delay), np.array([True, True]))
-    np.testing.assert_allclose(share, power[band].max() / power[1:3].max(), rtol=1e-9)
-    assert ripple(x[None], np.array([np.nan], np.float32), np.array([delay]), np.array([False]))[0] == 0
+    noise = np.random.default_rng(3).normal(size=x.size)
+    found = measure(np.array([x, noise]), x.size - 695, near=(135, 145), delay=delay)
+    assert found.period[0] == pytest.approx(142, abs=0.3)
+    assert found.ripple[0] == pytest.approx(power[band].max() / power[1:3].max(), rel=1e-9)
+    assert found.ripple[1] == 0  # without a period there is no line of it
 
 
 def test_small_slips_and_clusters_of_corners_are_counted_apart():
     cycles, corners = flyback_cycles(np.random.default_rng(4))
     cycles[0].slips = [(6.0, 60, 1.0), (90.0, 3, 0.02), (100.0, 3, 0.03)]
-    found = judge([render(cycles, Wear(rounding=1.0), np.random.default_rng(1))])[0].evidence
+    found = classify([render(cycles, Wear(rounding=1.0), np.random.default_rng(1))])[0].features
     assert (found.slips[0], found.small_slips[0]) == (5, 10)
     assert found.corners[0] == 5 * corners
     assert abs(int(found.corner_clusters[0]) - 5) <= 1  # one may lie across the border
@@ -225,10 +243,12 @@ def test_cells_of_the_tuning_half_are_called_what_the_eye_calls_them():
         sweep = Sweep.from_spec(preset)
         cells = np.array([int(row["cell"]) for row in mine], np.uint32)
         block = Block(sweep.parameters, sweep.lanes(cells))
-        judge = BlockJudge(Geometry.of(sweep.parameters), Thresholds(), len(cells))
+        classifier = BlockClassifier(Geometry.of(sweep.parameters), Thresholds(), len(cells))
         for _ in range(sweep.chunks):
             chunk = block.advance()
-            last = judge.judge(chunk.bridge_force, Intervals(*(getattr(chunk, field) for field in Intervals._fields)))
+            last = classifier.classify(
+                chunk.bridge_force, Intervals(*(getattr(chunk, field) for field in Intervals._fields))
+            )
         for row, code in zip(mine, last.regime, strict=True):
             right += REGIMES[code] == row["label"]
             helmholtz += REGIMES[code].startswith("helmholtz") == row["label"].startswith("helmholtz")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bow_sim.graph import shm_files, shm_notes
+from bow_sim.graph import process_stat, shm_files, shm_notes
 from bow_sim.graph.discovery import SHARED_MEMORY
 
 SEGMENT = f"{SHARED_MEMORY}/fastrtps_{'0' * 8}{os.getpid():08x}"
@@ -61,7 +61,7 @@ def test_a_number_that_another_process_has_by_now_is_known_by_its_start(
 
 def test_a_process_that_only_waits_to_be_reaped_is_gone(tmp_path: Path, segment: tuple[Path, Path]) -> None:
     process = subprocess.Popen(["sleep", "60"])
-    since = shm_notes._started(process.pid)
+    since = process_stat.start_of(process.pid)
     assert since
     note(tmp_path, segment[1], pid=process.pid, since=since)
     shm_notes.work_off(tmp_path)

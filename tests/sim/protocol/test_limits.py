@@ -3,8 +3,8 @@
 from typing import Any
 
 import pytest
+from outlines import outline
 
-from bow_classifier.task import Task
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol.limits import MAX_CELLS, check_size
@@ -28,7 +28,7 @@ def test_what_is_too_large_is_named_with_the_limit(settings: list[str], message:
         Sweep.from_spec("", settings)
     lines = {line.partition("=")[0]: line for line in [*Sweep.from_spec().settings(), *settings]}
     with pytest.raises(ParameterError, match=message):
-        Task.from_settings("run", "sweep", lines.values())
+        outline("a" * 16, "b" * 16, lines.values())
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from bow_sim.protocol.states import NodeState
 from bow_sweep.coordinator import results
 from bow_sweep.coordinator.closing import CLOSE_S, DRAW_S, IDLE_S, waits_for
-from bow_sweep.processes.supervisor import CRASHES, Child, Death, Supervisor
+from bow_sweep.processes.supervisor import CRASHES, Child, Exit, Supervisor
 
 RUN = "a" * 16
 
@@ -21,14 +21,14 @@ def supervisor(tmp_path: Path) -> Supervisor:
     return Supervisor("/bow/x", tmp_path / "log", {})
 
 
-def death(supervisor: Supervisor, status: int, worked: bool = False, role: str = "dashboard") -> Death:
+def death(supervisor: Supervisor, status: int, worked: bool = False, role: str = "dashboard") -> Exit:
     log = supervisor.logs / f"{role}.log"
     log.write_text("Traceback:\nImportError: no such library\n")
-    return Death(Child(role, role, SimpleNamespace(pid=1), log, worked=worked), status)  # type: ignore[arg-type]
+    return Exit(Child(role, role, SimpleNamespace(pid=1), log, worked=worked), status)  # type: ignore[arg-type]
 
 
 def test_a_dashboard_that_fails_before_it_works_is_left_out_at_once(supervisor: Supervisor) -> None:
-    assert supervisor.leaves_out(death(supervisor, 1)) == "exit status 1: ImportError: no such library"
+    assert supervisor.why_left_out(death(supervisor, 1)) == "exit status 1: ImportError: no such library"
     assert supervisor.left_out == [supervisor.logs / "dashboard.log"]
 
 
@@ -37,14 +37,14 @@ def test_one_that_is_killed_or_fails_later_is_started_again_some_times(
     supervisor: Supervisor, status: int, worked: bool
 ) -> None:
     for _ in range(CRASHES - 1):
-        assert supervisor.leaves_out(death(supervisor, status, worked)) == ""
-    assert supervisor.leaves_out(death(supervisor, status, worked)).startswith(f"ended {CRASHES} times, at last: ")
+        assert supervisor.why_left_out(death(supervisor, status, worked)) == ""
+    assert supervisor.why_left_out(death(supervisor, status, worked)).startswith(f"ended {CRASHES} times, at last: ")
 
 
 @pytest.mark.parametrize("role", ["recorder", "classifier", "simulator", "coordinator"])
 def test_nobody_else_is_left_out(supervisor: Supervisor, role: str) -> None:
     for _ in range(2 * CRASHES):
-        assert supervisor.leaves_out(death(supervisor, 1, role=role)) == ""
+        assert supervisor.why_left_out(death(supervisor, 1, role=role)) == ""
     assert supervisor.left_out == []
 
 

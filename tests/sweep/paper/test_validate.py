@@ -14,7 +14,9 @@ from bow_sim.figures.motion import motion
 from bow_sim.figures.page import STYLE
 from bow_sim.physics.modes import transverse_modes
 from bow_sim.physics.parameters import Parameters
-from bow_sweep.cli.paper import add_commands
+from bow_sweep.cli import figure
+from bow_sweep.cli import validate as validate_command
+from bow_sweep.figures import maps
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile, MapFileError, write_map_npz
 from bow_sweep.paper import claims_maps, claims_modes, claims_motion, map_measures
@@ -22,7 +24,6 @@ from bow_sweep.paper.claim import FAIL, NEEDS_RUNS, PASS, REPORT
 from bow_sweep.paper.maps import LAYOUT, letter_of, recognise
 from bow_sweep.paper.validate import validate
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.view import pictures
 
 X, Y = np.geomspace(0.5, 20, 128), np.linspace(0, 2, 64)
 HELMHOLTZ, FLYBACK, SLIP = (REGIMES.index(name) for name in ("helmholtz", "multiple_flyback", "multiple_slip"))
@@ -255,7 +256,9 @@ def test_the_force_limit_is_where_half_succeed():
 
 def bow(*words) -> int:
     parser = argparse.ArgumentParser(prog="bow")
-    add_commands(parser.add_subparsers(required=True))
+    commands = parser.add_subparsers(required=True)
+    figure.add_command(commands)
+    validate_command.add_command(commands)
     args = parser.parse_args([str(word) for word in words])
     return args.run(args)
 
@@ -294,9 +297,9 @@ def test_wrong_usage_is_one_clear_line(words, message, capsys, tmp_path, monkeyp
 
 def test_maps_are_sorted_into_the_papers_layout(tmp_path, capsys, monkeypatch):
     drawn = []
-    monkeypatch.setattr("bow_sweep.view.map_figures.draw_maps", lambda planes, path: drawn.extend(planes))
+    monkeypatch.setattr("bow_sweep.figures.maps.draw_maps", lambda planes, path: drawn.extend(planes))
     monkeypatch.setattr(
-        "bow_sweep.view.map_figures.draw_tests", lambda plane, path, periods: drawn.append((periods, plane))
+        "bow_sweep.figures.maps.draw_tests", lambda plane, path, periods: drawn.append((periods, plane))
     )
     for letter in "fca":
         (tmp_path / letter).mkdir()
@@ -309,6 +312,6 @@ def test_maps_are_sorted_into_the_papers_layout(tmp_path, capsys, monkeypatch):
 
 
 def test_line_figures_and_maps_are_printed_in_one_style():
-    assert pictures.style is page.style
-    with pictures.style():
+    assert maps.style is page.style
+    with maps.style():
         assert {name: mpl.rcParams[name] for name in STYLE} == STYLE | {"font.family": ["DejaVu Sans"]}

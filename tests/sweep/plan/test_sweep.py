@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES
-from bow_sweep.plan.sweep import Sweep, default_block_cells, presets
+from bow_sweep.plan.presets import presets
+from bow_sweep.plan.sweep import Sweep, default_block_cells
 
 
 def test_the_presets_are_those_of_the_paper() -> None:

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from bow_sweep.processes.fork import UNKNOWN, Forked, Started
+from bow_sweep.processes.fork import UNKNOWN, Forked, Spawned
 
 
 def test_what_it_returns_is_its_exit_status_and_what_it_prints_is_in_its_file(tmp_path):
@@ -76,7 +76,7 @@ def test_an_exit_status_that_somebody_else_took_is_unknown(tmp_path):
 
 
 def test_a_command_whose_status_was_taken_is_no_success(tmp_path):
-    child = Started([sys.executable, "-c", "print('here')"], tmp_path / "log", dict(os.environ), lambda: None)
+    child = Spawned([sys.executable, "-c", "print('here')"], tmp_path / "log", dict(os.environ), lambda: None)
     os.waitpid(-1, 0)
     assert child.wait(1) == UNKNOWN
     assert (tmp_path / "log").read_text() == "here\n"
@@ -94,7 +94,7 @@ def test_a_child_of_one_who_ignores_such_news_lives_until_it_ends(tmp_path):
 
 def test_a_command_gets_status_signal_and_environment(tmp_path):
     code = "import os, sys, time; print(os.environ['MINE'], flush=True); sys.stdin.read(); time.sleep(60)"
-    child = Started([sys.executable, "-c", code], tmp_path / "log", {**os.environ, "MINE": "x"}, lambda: None)
+    child = Spawned([sys.executable, "-c", code], tmp_path / "log", {**os.environ, "MINE": "x"}, lambda: None)
     while not (tmp_path / "log").read_text():
         assert child.poll() is None
     child.send_signal(signal.SIGTERM)

@@ -11,7 +11,7 @@ import pytest
 from bow_sweep.cli.sweep import bounded
 from bow_sweep.processes.fork import UNKNOWN, Process
 from bow_sweep.processes.run_graph import has_finished
-from bow_sweep.processes.supervisor import ROS_LOGS, Child, Death, Supervisor
+from bow_sweep.processes.supervisor import ROS_LOGS, Child, Exit, Supervisor
 from bow_sweep.run.directory import LEDGER, REPORT
 
 PLAN = {
@@ -60,10 +60,10 @@ def ended(role: str, log: Path) -> Child:
 def test_only_a_coordinator_that_had_finished_is_taken_for_well(tmp_path: Path, finished: bool) -> None:
     supervisor = Supervisor("/bow/x", tmp_path / "log", {}, lambda: finished)
     supervisor.children = [ended("coordinator", tmp_path), ended("recorder", tmp_path)]
-    coordinator, recorder = supervisor.buried()
+    coordinator, recorder = supervisor.exited()
     assert coordinator.status == (0 if finished else UNKNOWN)
     assert recorder.status == UNKNOWN
-    assert "exit status unknown" in Death(ended("recorder", tmp_path), UNKNOWN).cause
+    assert "exit status unknown" in Exit(ended("recorder", tmp_path), UNKNOWN).cause
     supervisor.stop(idle=True)
 
 

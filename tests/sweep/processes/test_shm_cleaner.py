@@ -17,7 +17,7 @@ import inotify_simple
 import pytest
 
 from bow_sim.graph import shm_files
-from bow_sweep.processes.shm_cleaner import NOTE, House, Janitor
+from bow_sweep.processes.shm_cleaner import NOTE, SharedFiles, ShmCleaner
 
 SHARED = Path("/dev/shm")
 
@@ -79,11 +79,11 @@ def notes(folder: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def watched(janitor: Janitor, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Start a process with a segment; yield it once the janitor has taken note of that."""
+def watched(cleaner: ShmCleaner, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process with a segment; yield it once the cleaner has taken note of that."""
     SEGMENT.touch()
     with holding(lock(SEGMENT)) as process:
-        janitor.tell(process.pid)
+        cleaner.watch(process.pid)
         wait_until(lambda: bool(notes(folder)))
         yield process
 
@@ -144,19 +144,19 @@ def test_a_port_goes_last_with_its_semaphore_and_where_somebody_made_it_again() 
         assert not [file for file in (PORT, SEMAPHORE, lock(PORT)) if file.exists()]
 
 
-# ---- the house
+# ---- the files of processes
 
 
 def test_what_is_made_is_of_whom_its_name_says_even_where_nobody_looks_in_time(tmp_path: Path) -> None:
-    house = House(tmp_path)
-    house.enter(4711)
+    files = SharedFiles(tmp_path)
+    files.add(4711)
     for pid in (4711, 4712):
         lent_by(pid).touch()
-    house.make([lent_by(4711).name, lent_by(4712).name, "another", "fastrtps_0123456789abcdef_el"])
-    house.leave(4711)
+    files.created([lent_by(4711).name, lent_by(4712).name, "another", "fastrtps_0123456789abcdef_el"])
+    files.exited(4711)
     assert not lent_by(4711).exists()
     assert lent_by(4712).exists()
-    house.close()
+    files.close()
     assert lent_by(4712).exists()
 
 
@@ -164,12 +164,12 @@ def test_the_next_one_sees_to_what_a_killed_one_has_noted(tmp_path: Path) -> Non
     (tmp_path / f"{NOTE}.1").write_text(f"{lock(SEGMENT)}\n{lent_by(4711)}\n")
     for file in (lock(SEGMENT), SEGMENT, lent_by(4711)):
         file.touch()
-    with open(lock(SEGMENT)) as held:  # one of the run before is still ending
+    with open(lock(SEGMENT)) as held:  # a process of the run before is still ending
         fcntl.flock(held, fcntl.LOCK_EX)
-        house = House(tmp_path)
+        files = SharedFiles(tmp_path)
         assert not lent_by(4711).exists()
         assert SEGMENT.exists()
-    house.close()
+    files.close()
     assert not SEGMENT.exists()
     assert list(tmp_path.iterdir()) == []
 
@@ -178,40 +178,40 @@ def test_the_next_one_sees_to_what_a_killed_one_has_noted(tmp_path: Path) -> Non
 
 
 def test_it_removes_what_a_killed_process_leaves_and_ends_with_its_supervisor(tmp_path: Path) -> None:
-    janitor = Janitor(tmp_path, "/bow/x", [])
-    with watched(janitor, tmp_path) as process:
+    cleaner = ShmCleaner(tmp_path, "/bow/x", [])
+    with watched(cleaner, tmp_path) as process:
         process.kill()
         wait_until(lambda: not SEGMENT.exists())
     assert not lock(SEGMENT).exists()
-    assert not janitor.died
-    janitor.close(20)
+    assert not cleaner.has_exited
+    cleaner.close(20)
     assert notes(tmp_path) == []
-    assert (tmp_path / "janitor.log").read_text() == ""
+    assert (tmp_path / "shm_cleaner.log").read_text() == ""
 
 
 def test_it_sees_what_is_made_while_it_lives(tmp_path: Path) -> None:
-    janitor = Janitor(tmp_path, "/bow/x", [])
+    cleaner = ShmCleaner(tmp_path, "/bow/x", [])
     with holding() as process:
-        janitor.tell(process.pid)
+        cleaner.watch(process.pid)
         time.sleep(0.3)  # nothing is made now, and it does not look
         lent_by(process.pid).touch()
         wait_until(lambda: any(str(lent_by(process.pid)) in note.read_text() for note in notes(tmp_path)))
         process.kill()
         wait_until(lambda: not lent_by(process.pid).exists())
-    janitor.close(20)
+    cleaner.close(20)
 
 
 def test_where_it_was_killed_its_work_is_done_in_the_end(tmp_path: Path) -> None:
-    janitor = Janitor(tmp_path, "/bow/x", [])
-    with watched(janitor, tmp_path) as process:
-        janitor._process.kill()
-        janitor._process.wait()
-        assert janitor.died
-        janitor.tell(process.pid)  # nobody hears it
+    cleaner = ShmCleaner(tmp_path, "/bow/x", [])
+    with watched(cleaner, tmp_path) as process:
+        cleaner._process.kill()
+        cleaner._process.wait()
+        assert cleaner.has_exited
+        cleaner.watch(process.pid)  # nobody hears it
         process.kill()
         process.wait()
     assert SEGMENT.exists()
-    janitor.close(20)
+    cleaner.close(20)
     assert not SEGMENT.exists()
     assert notes(tmp_path) == []
 
@@ -221,7 +221,7 @@ import os, signal, sys
 from pathlib import Path
 from bow_sweep.processes import shm_cleaner
 shm_cleaner.LEAVE_S = float(sys.argv[3])
-keeper = shm_cleaner.Janitor(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
+cleaner = shm_cleaner.ShmCleaner(Path(sys.argv[1]), "/bow/x", [int(sys.argv[2])])
 print("supervises", flush=True)
 sys.stdin.read()
 """
@@ -242,17 +242,17 @@ def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> 
         assert supervisor.stdout.readline() == b"supervises\n"
         wait_until(lambda: bool(notes(tmp_path)))
         (note,) = notes(tmp_path)
-        janitor = int(note.suffix[1:])
+        cleaner = int(note.suffix[1:])
         time.sleep(leave_s + 0.2)  # it has heard nothing for longer than it waits without a supervisor
         supervisor.send_signal(signal.SIGKILL)
         supervisor.wait()
         time.sleep(0.2)
-        os.kill(janitor, 0)  # it lives
+        os.kill(cleaner, 0)  # it lives
         assert SEGMENT.exists()
         process.kill()
         wait_until(lambda: not SEGMENT.exists())
         wait_until(lambda: not note.exists())
-        wait_until(lambda: not Path(f"/proc/{janitor}/exe").exists())
+        wait_until(lambda: not Path(f"/proc/{cleaner}/exe").exists())
 
 
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.EPERM, errno.EINVAL, None])
@@ -270,10 +270,10 @@ def test_where_the_system_tells_nothing_it_looks(
     else:
         monkeypatch.setattr(os, "pidfd_open", refuse)
         monkeypatch.setattr(inotify_simple.INotify, "__init__", refuse)
-    janitor = Janitor(tmp_path, "/bow/x", [])
-    with watched(janitor, tmp_path) as process:
+    cleaner = ShmCleaner(tmp_path, "/bow/x", [])
+    with watched(cleaner, tmp_path) as process:
         process.kill()  # a zombie has ended
         wait_until(lambda: not SEGMENT.exists())
-        assert not janitor.died
-    janitor.close(20)
+        assert not cleaner.has_exited
+    cleaner.close(20)
     assert notes(tmp_path) == []

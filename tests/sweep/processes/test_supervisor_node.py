@@ -59,7 +59,7 @@ def test_those_released_end_and_are_not_taken_for_dead(tmp_path: Path) -> None:
     supervisor.release(("simulator",))
     for child in simulators:
         child.process.wait(10)
-    assert supervisor.buried() == []
+    assert supervisor.exited() == []
     assert [child.name for child in supervisor.children] == ["recorder"]
     assert supervisor.stop(idle=True) == []
     assert supervisor.children == []

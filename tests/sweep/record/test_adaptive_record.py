@@ -12,8 +12,8 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.states import BlockState, PlanState
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.basin_map import Basin
-from bow_sweep.record.expected import Expected
 from bow_sweep.record.replay import load_verdicts, replay
 from bow_sweep.record.session import Session
 from bow_sweep.record.verify import verify
@@ -145,10 +145,10 @@ def test_a_recorder_that_is_started_again_knows_the_rounds_from_the_latest_plan(
 def test_a_plan_with_rounds_that_cannot_be_is_refused(rounds):
     plan = cdr.decode("Plan", recording.plan(SWEEP, rounds=np.array(rounds, np.uint8)))
     with pytest.raises(ParameterError, match=r"Plan\.rounds"):
-        Expected.of(plan)
+        SweepOutline.of(plan)
 
 
 def test_an_exhaustive_sweep_has_no_rounds():
     sweep = recording.small_sweep()
     with pytest.raises(ParameterError, match="adaptive = 1"):
-        Expected.of(cdr.decode("Plan", recording.plan(sweep, rounds=np.ones(12, np.uint8))))
+        SweepOutline.of(cdr.decode("Plan", recording.plan(sweep, rounds=np.ones(12, np.uint8))))

@@ -13,7 +13,8 @@ from mcap.writer import CompressionType, Writer
 from bow_sweep.cli.main import main
 from bow_sweep.record.bag import METADATA, BagError, messages
 from bow_sweep.record.mcap_reader import Scan
-from bow_sweep.record.recover import LockedError, locked, recover
+from bow_sweep.record.recover import recover
+from bow_sweep.run.lock import LockedError, locked
 
 
 def bag_file(run):
@@ -282,7 +283,7 @@ def test_files_of_other_writers_are_repaired_too(tmp_path, compression):
 
 
 def test_a_bag_that_is_being_written_is_left_alone(run):
-    with locked(run), pytest.raises(LockedError, match="a recorder is at work"):
+    with locked(run, "recorder"), pytest.raises(LockedError, match="at work on this run as its recorder"):
         recover(run)
 
 

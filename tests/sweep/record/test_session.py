@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import PlanState, ReceiptKind
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import BagError, bag_files, messages
-from bow_sweep.record.expected import Expected
-from bow_sweep.record.recover import LockedError
 from bow_sweep.record.session import AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE
 from bow_sweep.record.verify import verify
+from bow_sweep.run.lock import LockedError
 
 SWEEP = recording.small_sweep()
 CHUNK = recording.chunks(SWEEP, 1)[2]
@@ -329,11 +329,11 @@ def test_after_a_full_disk_the_bag_holds_what_was_committed_and_can_go_on(tmp_pa
 )
 def test_a_plan_that_cannot_be_is_refused_before_anything_is_written(fields, why):
     with pytest.raises(ParameterError, match=why):
-        Expected.of({**cdr.decode("Plan", recording.plan(SWEEP)), **fields})
+        SweepOutline.of({**cdr.decode("Plan", recording.plan(SWEEP)), **fields})
 
 
 def test_the_outline_of_a_run_is_that_of_its_plan():
-    expected = Expected.of(cdr.decode("Plan", recording.plan(SWEEP)))
+    expected = SweepOutline.of(cdr.decode("Plan", recording.plan(SWEEP)))
     assert (expected.run_id, expected.sweep_id) == (recording.RUN, SWEEP.sweep_id)
     assert expected.classifier == SWEEP.thresholds.hash
     assert (expected.shape, expected.cells) == ((SWEEP.y.count, SWEEP.x.count), SWEEP.cells)

@@ -8,8 +8,6 @@ import pytest
 import recording
 from recording import leave_all, quarantined_run, whats
 
-from bow_sim.physics.errors import ParameterError
-from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.verify import verify
 from bow_sweep.record.verify_files import LEDGER, MAP, REPORT
 
@@ -89,16 +87,6 @@ def test_cells_of_a_block_given_up_may_hold_what_was_known_of_them_but_no_length
     arrays["transient_periods"].flat[7] = 5
     np.savez(tmp_path / MAP, **arrays)
     assert "transient_periods is not what the verdicts say, in 1 places, first at cell 7" in problems(tmp_path)
-
-
-def test_a_plan_that_makes_no_map_is_said_to_make_none(run, monkeypatch):
-    leave_all(run, SWEEP)
-
-    def refuse(*_):
-        raise ParameterError("no such sweep")
-
-    monkeypatch.setattr(Sweep, "from_spec", refuse)
-    assert problems(run) == "the plan makes no map: no such sweep"
 
 
 def changed_report(run: Path, change) -> str:

@@ -13,8 +13,9 @@ from bow_sweep.coordinator.results import writing
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.new_directory import never_began
-from bow_sweep.run.directory import LEDGER, PICTURE, Run, RunError, digest, is_finished, lock, read_ledger
+from bow_sweep.run.directory import LEDGER, PICTURE, Run, RunError, digest, is_finished, read_ledger
 from bow_sweep.run.ledger import State
+from bow_sweep.run.lock import take
 
 SMALL = ["x.count=4", "y.count=2", "block_cells=4", "periods=10"]
 
@@ -81,7 +82,7 @@ def test_another_kernel_does_not_go_on_with_a_run(tmp_path: Path) -> None:
 
 def _try_lock(directory: str, answers: "multiprocessing.Queue[str]") -> None:
     try:
-        lock(Path(directory), "coordinator")
+        take(Path(directory), "coordinator")
         answers.put("got it")
     except RunError as error:
         answers.put(str(error))
@@ -93,7 +94,7 @@ def test_two_processes_do_not_hold_the_same_run(tmp_path: Path) -> None:
     answers: multiprocessing.Queue[str] = context.Queue()
     process = context.Process(target=_try_lock, args=(str(tmp_path / "run"), answers))
     process.start()
-    assert "another coordinator is at work" in answers.get(timeout=60)
+    assert "at work on this run as its coordinator" in answers.get(timeout=60)
     process.join()
     run.close()
 

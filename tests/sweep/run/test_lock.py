@@ -8,16 +8,15 @@ from pathlib import Path
 import pytest
 
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.recover import locked
 from bow_sweep.run.directory import Run, RunError
-from bow_sweep.run.lock import NO_LOCKS, HeldError, take
+from bow_sweep.run.lock import NO_LOCKS, LockedError, LockError, locked, take
 
 SWEEP = Sweep.from_spec("fig11d", ["x.count=4", "y.count=2", "block_cells=4", "periods=10"])
 
 
 def test_a_lock_keeps_others_off_and_goes_with_its_holder(tmp_path: Path) -> None:
     held = take(tmp_path, "coordinator")
-    with pytest.raises(HeldError, match="another coordinator is at work"):
+    with pytest.raises(LockedError, match="another process is at work on this run as its coordinator"):
         take(tmp_path, "coordinator")
     os.close(take(tmp_path, "recorder"))  # another role
     os.close(held)
@@ -39,10 +38,10 @@ def test_a_file_system_without_locks_is_named_and_can_be_used_without(
     monkeypatch.setattr(fcntl, "flock", refuse)
     with pytest.raises(RunError, match=r"file system has no locks .* --no-lock"):
         Run.create(tmp_path / "run", "a" * 16, SWEEP)
-    with pytest.raises(OSError, match="file system has no locks"), locked(tmp_path):
+    with pytest.raises(LockError, match=r"^/.* file system has no locks"), locked(tmp_path, "recorder"):
         pass
     Run.create(tmp_path / "run", "a" * 16, SWEEP, locked=False).close()
-    with locked(tmp_path, lock=False):
+    with locked(tmp_path, "recorder", lock=False):
         pass
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from bow_classifier.verdict.regimes import REGIMES
+from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.coordinator.results import map_of, write_results
-from bow_sweep.maps.basin_map import PENDING, Basin
+from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import read_map_npz
 from bow_sweep.plan.adaptive import fill, first_round

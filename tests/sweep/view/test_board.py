@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from example_maps import RUN, SLIP, basin_map, inspection, settings
+from example_maps import RUN, SLIP, basin_map, inspection, outline, settings
 from read_rrd import entities, image, rows, verify
 
 from bow_sim.protocol import cdr
-from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, PENDING, Snapshot
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, Snapshot
 from bow_sweep.view.rerun_recording import Board
 
 
@@ -22,7 +23,7 @@ def snapshot(computed: int | None = None, run: str = RUN) -> Snapshot:
 
 
 def board(path: Path, **options) -> Board:
-    return Board(path, Snapshot.empty(RUN, "fedcba9876543210", settings()), **options)
+    return Board(path, Snapshot.empty(outline()), **options)
 
 
 def show_waveform(shown: Board, cells: list[int], chunk: int) -> np.ndarray:
@@ -166,7 +167,7 @@ def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
 
 def test_another_runs_recording_is_put_aside(path):
     other = "f" * 16
-    first = Board(path, Snapshot.empty(other, "s", settings()))
+    first = Board(path, Snapshot.empty(outline(other)))
     first.finish()
     content = path.read_bytes()
     shown = board(path)

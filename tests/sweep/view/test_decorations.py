@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from example_maps import basin_map, settings
 
+from bow_sweep.figures.colours import BLACK, GREY, transient_colours
 from bow_sweep.maps.plane import TEST_LAYERS, Snapshot
 from bow_sweep.view import decorations
-from bow_sweep.view.colours import BLACK, GREY, transient_colours
 from bow_sweep.view.scope import MOST, Scope
 
 SHAPES = [(128, 64), (8, 4), (1, 1), (4, 1), (1, 64), (512, 8), (8, 512), (300, 300)]
@@ -14,9 +14,9 @@ def snapshot(nx: int = 8, ny: int = 4) -> Snapshot:
     return Snapshot.from_message(basin_map(nx, ny)).with_plan(settings(nx, ny))
 
 
-def all_of(plane: Snapshot) -> list[decorations.Furniture]:
-    tests = [decorations.layer_furniture(plane, name) for name in TEST_LAYERS]
-    return [decorations.transient_furniture(plane), decorations.regime_furniture(plane), *tests]
+def all_of(plane: Snapshot) -> list[decorations.Decorations]:
+    tests = [decorations.layer_decorations(plane, name) for name in TEST_LAYERS]
+    return [decorations.transient_decorations(plane), decorations.regime_decorations(plane), *tests]
 
 
 @pytest.mark.parametrize(("nx", "ny"), SHAPES)
@@ -32,7 +32,7 @@ def test_all_furniture_is_within_what_a_view_shows_at_first(nx, ny):
 
 @pytest.mark.parametrize(("nx", "ny"), SHAPES)
 def test_only_the_frame_touches_the_map(nx, ny):
-    made = decorations.transient_furniture(snapshot(nx, ny))
+    made = decorations.transient_decorations(snapshot(nx, ny))
     for line in made.lines[1:]:
         inside = (line[:, 0] > 0) & (line[:, 0] < nx) & (line[:, 1] > 0) & (line[:, 1] < ny)
         assert not inside.any()
@@ -48,7 +48,7 @@ def test_y_points_up():
 
 
 def test_the_bar_has_the_colours_of_the_map_and_says_what_black_and_grey_are():
-    made = decorations.transient_furniture(snapshot(128, 64))
+    made = decorations.transient_decorations(snapshot(128, 64))
     column = made.bar[:, 0]
     shown = {tuple(int(channel) for channel in pixel[:3]) for pixel in column if pixel[3]}
     wanted = {tuple(int(channel) for channel in transient_colours(length, 100)) for length in range(5, 105, 5)}
@@ -58,7 +58,7 @@ def test_the_bar_has_the_colours_of_the_map_and_says_what_black_and_grey_are():
 
 
 def test_the_regimes_have_their_names_beside_their_colours():
-    words = decorations.regime_furniture(snapshot()).words
+    words = decorations.regime_decorations(snapshot()).words
     assert {"Helmholtz", "multiple slip", "aperiodic", "pending"} <= set(words)
 
 

@@ -4,13 +4,14 @@ import time
 
 import numpy as np
 import pytest
-from example_maps import RUN, basin_map, inspection, plan, settings
+from example_maps import RUN, basin_map, inspection, outline, plan, settings
 from read_rrd import image, rows, verify
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.live_run import FIRST_MAP_S, LAST_MAP_S, SPARSE_S, Show
-from bow_sweep.view.status_page import Node, is_complete, page, settled
+from bow_sweep.view.status_page import Node, is_complete, page, with_block_states
 
 OPEN, CLOSED = 1, 2
 
@@ -106,7 +107,8 @@ def test_messages_of_another_run_are_ignored_and_counted(show):
     show.inspect(cdr.unseal("BridgeForce", inspection([3], 0, run="f" * 16)))
     show.inspect(cdr.unseal("BridgeForce", inspection([99], 0)))
     show.plan(plan(CLOSED, epoch=0))
-    assert show.ignored == 6
+    show.plan({**plan(CLOSED), "rounds": np.ones(32, np.uint8)})  # the sweep is not adaptive
+    assert show.ignored == 7
     assert not show.tick([])
     assert show.board.scope.cells == []
 
@@ -145,33 +147,38 @@ def test_a_map_costs_a_sweep_next_to_nothing(tmp_path):
 def test_the_plan_knows_better_than_the_map_what_is_done():
     snapshot = Snapshot.from_message(basin_map(computed=20)).with_plan(settings())
     assert (snapshot.done, snapshot.outstanding) == (16, 16)
-    newer = settled(snapshot, [1, 2, 1, 0])
+    newer = with_block_states(snapshot, outline(), [1, 2, 1, 0])
     assert (newer.done, newer.quarantined, newer.outstanding) == (16, 8, 8)
     assert newer.planned == 32
 
 
 def test_blocks_that_do_not_divide_the_map_are_counted_right():
-    snapshot = Snapshot.from_message(basin_map()).with_plan(settings(block_cells=10))
-    assert settled(snapshot, [1, 1, 1, 0]).outstanding == 2
-    assert settled(snapshot, [0, 0, 0, 1]).done == 2
+    snapshot = Snapshot.from_message(basin_map())
+    tens = SweepOutline.of({**plan(), "spec.settings": settings(block_cells=10)})
+    assert with_block_states(snapshot, tens, [1, 1, 1, 0]).outstanding == 2
+    assert with_block_states(snapshot, tens, [0, 0, 0, 1]).done == 2
 
 
 def test_what_an_adaptive_sweep_has_not_planned_is_not_outstanding():
     snapshot = Snapshot.from_message(basin_map()).with_plan(settings())
     rounds = np.zeros(32, np.uint8)
     rounds[:12], rounds[20:25] = 1, 2  # blocks of 8, 4 and 5
-    grown = settled(snapshot, [1, 2, 0], rounds)
+    adaptive = SweepOutline.of({**plan(), "spec.settings": [*settings(), "adaptive=0.5"], "rounds": rounds})
+    grown = with_block_states(snapshot, adaptive, [1, 2, 0])
     assert (grown.done, grown.quarantined, grown.outstanding) == (8, 4, 5)
-    assert settled(snapshot, [1, 2, 0, 0], rounds) == snapshot  # a plan that contradicts itself
+    assert with_block_states(snapshot, adaptive, [1, 2, 0, 0]) == snapshot  # a plan that contradicts itself
 
 
 def test_a_map_is_complete_when_it_holds_every_test_of_what_is_done():
-    assert is_complete(settled(Snapshot.from_message(basin_map()).with_plan(settings()), [1, 1, 1, 1]))
-    assert not is_complete(settled(Snapshot.from_message(basin_map(computed=20)).with_plan(settings()), [1, 1, 1, 0]))
+    whole, part = (Snapshot.from_message(basin_map(computed=n)).with_plan(settings()) for n in (32, 20))
+    assert is_complete(with_block_states(whole, outline(), [1, 1, 1, 1]))
+    assert not is_complete(with_block_states(part, outline(), [1, 1, 1, 0]))
 
 
 def test_the_page_tells_the_whole_story():
-    snapshot = settled(Snapshot.from_message(basin_map(computed=20)).with_plan(settings(), "fig11d"), [1, 1, 2, 0])
+    snapshot = with_block_states(
+        Snapshot.from_message(basin_map(computed=20)).with_plan(settings(), "fig11d"), outline(), [1, 1, 2, 0]
+    )
     nodes = [node(), node("simulator_2", heard=90.0), node("classifier", state=4)]
     text = page(snapshot, nodes, 100.0, "in progress", 12.3)
     assert "| 32 | 16 | 8 | 8 | 12 |" in text
@@ -186,11 +193,11 @@ def test_the_page_tells_the_whole_story():
 
 
 def test_a_page_of_nothing_is_a_page():
-    text = page(Snapshot.empty(RUN, "s", settings()), [], 0.0, "in progress", 0.0)
+    text = page(Snapshot.empty(outline()), [], 0.0, "in progress", 0.0)
     assert "No node has been heard of." in text
 
 
 def test_what_a_node_says_of_itself_cannot_break_the_table():
     rude = Node("/bow/x", "simulator", 9, "a | b\nc", 0, 0, 0, 0, 100.0)
-    text = page(Snapshot.empty(RUN, "s", settings()), [rude], 100.0, "in progress", 0.0)
+    text = page(Snapshot.empty(outline()), [rude], 100.0, "in progress", 0.0)
     assert "| x | **9** | a / b c |" in text

@@ -15,7 +15,7 @@ from example_maps import basin_map, inspection, plan
 from PIL import Image
 
 from bow_sim.protocol import cdr
-from bow_sweep.view.colours import GREY, transient_colours
+from bow_sweep.figures.colours import GREY, transient_colours
 from bow_sweep.view.live_run import Show
 
 NEEDED = "needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1"

@@ -1,0 +1,27 @@
+"""The commands `bow coordinator`, `bow simulator` and so on: one node, as `ros2 run bow NODE` starts it."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from bow_sweep.cli.terminal import environment_is_ready
+from bow_sweep.processes.exit_status import USAGE
+from bow_sweep.processes.roles import MODULES
+
+
+def add_commands(commands: Any) -> None:
+    """Add a parser for each node. They only show up in the help: :func:`run_node` takes the arguments as they are."""
+    for name in MODULES:
+        commands.add_parser(name, help=f"run one {name} node, as `ros2 run bow {name}` does", add_help=False)
+
+
+def run_node(role: str, arguments: Sequence[str]) -> int:
+    """Run a node of this role in this process; return its exit status."""
+    if not environment_is_ready():
+        return USAGE
+    sys.argv = [f"bow {role}", *arguments]
+    status: int = importlib.import_module(MODULES[role]).main()
+    return status

@@ -1,0 +1,47 @@
+"""The command `bow settings`: every setting with its default, unit, range and source."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from typing import Any
+
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.physics.parameters import Parameters
+from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
+from bow_sweep.processes.exit_status import DONE
+
+SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a reflection function of your own"
+"""Help of the option --set of other commands."""
+
+
+def add_command(commands: Any) -> None:
+    """Add the parser of `settings`; its default `run` takes the parsed arguments."""
+    about = "list every setting, its default, unit, range and source"
+    commands.add_parser("settings", help=about, description=about).set_defaults(run=_settings)
+
+
+def _settings(_: argparse.Namespace) -> int:
+    for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
+        for name, field in sorted(kind.__dataclass_fields__.items()):
+            print(f"{prefix}{name} = {field.default}")
+            print(textwrap.indent(_describe(field), "    "))
+    for axis, defaults in (("x", X_AXIS), ("y", Y_AXIS)):
+        for name, value in vars(defaults).items():
+            print(f"{axis}.{name} = {value}")
+    print("    the axes of the map: a parameter's name, log or linear, first and last value, how many")
+    print(
+        f"block_cells\n    cells that one simulator runs together; unless set, {LEAST_BLOCK} ... {MOST_BLOCK}: a "
+        f"{BLOCKS}th of the plane,\n    a {ADAPTIVE_BLOCKS}th of an adaptive sweep's"
+    )
+    print(
+        f"adaptive = {Sweep.adaptive:g}\n    share of the cells to simulate at most; below 1 the others are predicted"
+    )
+    return DONE
+
+
+def _describe(field: Any) -> str:
+    meta = field.metadata
+    allowed = ", ".join(meta["choices"]) if "choices" in meta else str(meta.get("range", ""))
+    unit = f" [{meta['unit']}]" if meta["unit"] else ""
+    return "; ".join(filter(None, (f"{meta['doc']}{unit}", allowed, meta.get("source", ""))))

@@ -1,0 +1,109 @@
+"""The runs that a `bow sweep` command is to make: new ones, or those of a directory that are not finished."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from bow_sim.protocol.identity import random_id
+from bow_sweep.plan.sweep import Sweep
+from bow_sweep.processes.new_directory import OwnedDirectory, create_directory, open_directory
+from bow_sweep.run.campaign import FILE, Campaign, campaigns
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run that is to be begun, or resumed."""
+
+    directory: Path
+    run_id: str
+    sweep: Sweep
+    resume: bool = False
+
+
+class Work(NamedTuple):
+    """What a command is to do.
+
+    Attributes
+    ----------
+    owned
+        The run directory, or the directory of the campaign.
+    campaign
+        The campaign that the jobs belong to; None for a single run.
+    jobs
+        The runs, in order; empty where all are finished.
+    """
+
+    owned: OwnedDirectory
+    campaign: Campaign | None
+    jobs: list[Job]
+
+
+def begin(preset: str, settings: Sequence[str], out: Path | None, lock: bool) -> Work:
+    """Create the directory of a new sweep or campaign; return the runs to make.
+
+    Parameters
+    ----------
+    preset
+        Of a sweep or a campaign; "" for the defaults of the package.
+    settings
+        "name=value" over the preset.
+    out
+        Directory that the user named; None for a default name.
+    lock
+        Lock the directory.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown preset, or a wrong setting.
+    RunError, OSError
+        Where the directory cannot be created or used.
+    """
+    campaign = Campaign.of(preset, settings) if preset in campaigns() else None
+    sweeps = campaign.sweeps() if campaign else {"": Sweep.from_spec(preset, settings)}
+    owned = create_directory(out, preset or sweeps[""].parameters.model, lock)
+    try:
+        if campaign:
+            campaign.begin(owned.directory)
+    except OSError:
+        owned.release()
+        raise
+    jobs = [Job(owned.directory / name, random_id(), sweep) for name, sweep in sweeps.items()]
+    return Work(owned, campaign, jobs)
+
+
+def resume(directory: Path, lock: bool) -> Work:
+    """Open the directory of a run or campaign; return the runs that are not finished. Repairs their ledgers and bags.
+
+    Raises
+    ------
+    RunError, OSError
+        Where it cannot be resumed.
+    """
+    owned = open_directory(directory, lock)
+    try:
+        if not (directory / FILE).exists():
+            return Work(owned, None, _unfinished(directory, lock))
+        campaign = Campaign.in_directory(directory)
+        jobs: list[Job] = []
+        for preset, sweep in campaign.sweeps().items():
+            run = directory / preset
+            if not run.is_dir() or not (any(run.glob("ledger.jsonl*")) or any(run.glob("bag/*"))):
+                jobs.append(Job(run, random_id(), sweep))
+            else:
+                jobs += _unfinished(run, lock)
+        return Work(owned, campaign, jobs)
+    except BaseException:
+        owned.release()
+        raise
+
+
+def _unfinished(directory: Path, lock: bool) -> list[Job]:
+    """Return the job to resume a run, or none where it is finished; print what was found in ledger and bag."""
+    from bow_sweep.coordinator.resume import prepare
+
+    run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), lock)
+    return [] if run.complete else [Job(directory, run.run_id, run.sweep, resume=True)]

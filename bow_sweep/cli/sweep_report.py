@@ -1,0 +1,183 @@
+"""What `bow sweep` checks and prints of runs that are finished."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from bow_sim.graph import environment
+from bow_sweep.cli.terminal import warn
+from bow_sweep.run.campaign import Campaign, report
+
+MENTIONED_S = 2.0
+"""A self-check that takes longer is mentioned."""
+
+SHOWN = 5
+"""Problems of a self-check that are printed."""
+
+FILES = {
+    "map.png": "the basin map, to look at",
+    "map.npz": "the same as arrays",
+    "dashboard.rrd": "rerun {path}",
+    "bag": "every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
+    "report.json": "accounts, versions, parameters",
+}
+"""Files of a run directory that are for people; the pictures may be missing."""
+
+
+def self_check(directory: Path, say: Callable[[str], None], *, whole: bool) -> str:
+    """Check bag, ledger, map and report of a finished run against each other.
+
+    Parameters
+    ----------
+    directory
+        Run directory.
+    say
+        Prints a line.
+    whole
+        Read every byte of the bag; otherwise only its index. A run that was resumed is read whole, because what
+        happened to its files in between is unknown.
+
+    Returns
+    -------
+    str
+        What does not agree; "" where all of it does.
+    """
+    from bow_sweep.record.verify import verify
+
+    began = time.monotonic()
+    result = verify(directory, judge=False, index=not whole)
+    took = time.monotonic() - began
+    if took > MENTIONED_S:
+        say(f"checking bag, ledger, map and report took {took:.1f} s")
+    if result["ok"]:
+        return ""
+    lines = [
+        ", ".join(
+            [problem["what"], *(f"{name} {problem[name]}" for name in ("file", "block", "chunk") if name in problem)]
+        )
+        for problem in result["problems"][:SHOWN]
+    ]
+    run = shlex.quote(str(directory))
+    return (
+        f"the run does not hold, {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
+        f"all of them: bow verify {run}\nwhat is not whole is computed again by: bow sweep --resume {run}"
+    )
+
+
+def print_run(directory: Path, left_out: Sequence[Path], *, nothing_to_do: bool) -> bool:
+    """Print the summary of a finished run.
+
+    Parameters
+    ----------
+    directory
+        Run directory.
+    left_out
+        Logs of the processes that the sweep went on without.
+    nothing_to_do
+        The run was finished before this command.
+
+    Returns
+    -------
+    bool
+        Whether blocks were quarantined.
+    """
+    found: dict[str, Any] = json.loads((directory / "report.json").read_text())
+    nothing = "nothing to do: every block of this run is done or quarantined\n\n" if nothing_to_do else ""
+    _print(nothing + _summary(directory, found, left_out))
+    return bool(found["cells"]["quarantined"])
+
+
+def print_campaign(campaign: Campaign, directory: Path, left_out: Sequence[Path]) -> bool:
+    """Write report.json of a finished campaign, draw its figure if it has one, and print its summary.
+
+    Parameters
+    ----------
+    campaign
+        What was to be run.
+    directory
+        Directory of the campaign, with a run directory for each preset.
+    left_out
+        Logs of the processes that a sweep went on without.
+
+    Returns
+    -------
+    bool
+        Whether blocks were quarantined.
+    """
+    found = report(directory, campaign)
+    drawn = _draw(campaign, directory)
+    _print("\n".join([campaign.title, *map(_left_out, left_out), ""]))
+    for preset, run in found["runs"].items():
+        length = run["median_transient_periods"]
+        _print(
+            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
+            + (f", median transient {length:g} periods" if length else "")
+        )
+    cells = found["cells"]
+    _print(
+        f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
+        f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
+        + ("  maps.png        all maps, to look at\n" if drawn else "")
+        + "  report.json     all accounts\n"
+        f"  {', '.join(campaign.presets)}: a run directory each\n\n"
+        f"check one: bow verify {shlex.quote(str(directory / campaign.presets[0]))}"
+    )
+    return bool(cells["quarantined"])
+
+
+def _draw(campaign: Campaign, directory: Path) -> bool:
+    """Draw the figure that a campaign makes; return whether there is one now."""
+    from bow_sweep.cli.figure import draw_maps
+
+    if not campaign.figure:
+        return False
+    try:
+        draw_maps(campaign.figure, [directory / preset for preset in campaign.presets], directory / "maps.png")
+    except Exception as error:  # the runs are good without it; MapFileError: settings that make it another figure
+        print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
+        return False
+    return True
+
+
+def _print(text: str) -> None:
+    """Print to stdout; where that fails, the sweep is still done."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        environment.silence("stdout")
+        warn(f"the sweep is done, but standard output: {error.strerror}")
+
+
+def _left_out(log: Path) -> str:
+    return f"without {log.stem} to its end: see {log}"
+
+
+def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -> str:
+    cells = found["cells"]
+    regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in found["regimes"].items() if count)
+    predicted = found.get("cells_predicted", 0)
+    whole = f"the map, of which {predicted} cells are predicted" if predicted else "them"
+    lines = [
+        f"{cells['done']} of {cells['planned']} cells in {found['wall_seconds']:.1f} s; "
+        f"Helmholtz motion in {found['helmholtz_fraction']:.3f} of {whole}",
+        f"at the last test: {regimes}",
+        *map(_left_out, left_out),
+        "",
+        f"{directory}/",
+        *(
+            f"  {name + '/' * (directory / name).is_dir():15} {what.format(path=shlex.quote(str(directory / name)))}"
+            for name, what in FILES.items()
+            if (directory / name).exists()
+        ),
+        "",
+        f"check it: bow verify {shlex.quote(str(directory))}",
+    ]
+    for block, why in found["quarantined_blocks"].items():
+        lines.insert(2, f"QUARANTINED block {block}: {why}")
+    return "\n".join(lines)

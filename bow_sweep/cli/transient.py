@@ -1,0 +1,65 @@
+"""The command `bow transient`: one simulated string, without a graph."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection_text import embed_files
+from bow_sweep.cli.settings import SET_HELP
+from bow_sweep.cli.terminal import fail
+from bow_sweep.processes.exit_status import DONE
+
+_SHORT = ("model", "v_mid", "f_asym", "f_init_ratio", "periods")
+"""Settings with an option of their own."""
+
+
+def add_command(commands: Any) -> None:
+    """Add the parser of `transient`; its default `run` takes the parsed arguments."""
+    parser = commands.add_parser(
+        "transient",
+        help="simulate one cell, without a graph",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Simulate one bowed string and write, draw or sound its waveforms.",
+        epilog="example: bow transient --model delta_cremer --v-mid 0.7 --f-asym 5.5 --f-init-ratio 1 --plot t.png\n\n"
+        "--npz holds float64 arrays over samples: bridge_force, v, v_h, v_centre, friction_force, and bool slipping\n"
+        "(state after the step).",
+    )
+    for name in _SHORT:
+        parser.add_argument(f"--{name.replace('_', '-')}", metavar=name.upper(), dest=name, help=_field_help(name))
+    parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
+    parser.add_argument("--npz", metavar="F", type=Path, help="write the waveforms as a NumPy archive")
+    parser.add_argument("--plot", metavar="F", type=Path, help="draw them (.png, .svg or .pdf)")
+    parser.add_argument("--wav", metavar="F", type=Path, help="the bridge force as sound, 16 bit")
+    parser.set_defaults(run=_transient)
+
+
+def _field_help(name: str) -> str:
+    field = Parameters.__dataclass_fields__[name]
+    unit = f", in {field.metadata['unit']}" if field.metadata["unit"] else ""
+    return f"{field.metadata['doc']}{unit} (default {field.default})".replace("%", "%%")
+
+
+def _transient(args: argparse.Namespace) -> int:
+    from bow_sim.figures.transient import describe, draw, save_npz, save_wav
+
+    short = [f"{name}={getattr(args, name)}" for name in _SHORT if getattr(args, name) is not None]
+    try:
+        parameters = Parameters.from_settings(embed_files(short + args.settings))
+    except ParameterError as error:
+        return fail(str(error))
+    from bow_sim.kernel.block import transient
+
+    waveforms = transient(parameters)
+    try:
+        for write, path in ((save_npz, args.npz), (draw, args.plot), (save_wav, args.wav)):
+            if path is not None:
+                write(path, parameters, waveforms)
+                print(f"wrote {path}")
+    except (OSError, ValueError) as error:
+        return fail(str(error))
+    print(describe(parameters, waveforms))
+    return DONE

@@ -1,0 +1,143 @@
+"""Paper for maps: a figure laid out in pixels, cells of whole dots, axes, colour bars and titles. With Matplotlib."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import rcParams
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import PcolorImage
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FixedFormatter, FixedLocator
+
+from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.figures.colours import transient_colours
+from bow_sweep.maps.plane import MODEL_NAMES, Plane
+
+UNIT_DPI = 200
+"""Lengths on a layout are pixels at this resolution."""
+
+
+class Layout:
+    """A figure laid out in pixels from its top left corner."""
+
+    def __init__(self, width: float, height: float, dpi: float) -> None:
+        self.width, self.height = width, height
+        self.figure = Figure(figsize=(width / UNIT_DPI, height / UNIT_DPI), dpi=dpi, facecolor="white")
+        FigureCanvasAgg(self.figure)
+
+    def axes(self, left: float, top: float, width: float, height: float) -> Axes:
+        """Return axes over a rectangle."""
+        rectangle = (left / self.width, 1 - (top + height) / self.height, width / self.width, height / self.height)
+        return self.figure.add_axes(rectangle)
+
+    def text(self, left: float, top: float, text: str, **style: Any) -> None:
+        """Write with the baseline `top` below the upper edge."""
+        self.figure.text(left / self.width, 1 - top / self.height, text, **style)
+
+    def swatch(self, colour: Sequence[int], left: float, top: float, width: float, height: float) -> None:
+        """Draw a framed patch of one colour."""
+        corner = (left / self.width, 1 - (top + height) / self.height)
+        patch = Rectangle(
+            corner,
+            width / self.width,
+            height / self.height,
+            transform=self.figure.transFigure,
+            facecolor=tuple(np.array(colour) / 255),
+            edgecolor=rcParams["axes.edgecolor"],
+            linewidth=rcParams["axes.linewidth"],
+        )
+        self.figure.add_artist(patch)
+
+    def bar(self, colours: np.ndarray, ends: tuple[float, float], left: float, top: float, *size: float) -> Axes:
+        """Draw a colour bar, its first colour at the bottom, with ticks on its right; `size` is width and height."""
+        bar = self.axes(left, top, *size)
+        bar.imshow(colours[:, None], origin="lower", extent=(0, 1, *ends), aspect="auto", interpolation="nearest")
+        bar.set_xticks([])
+        bar.yaxis.set_label_position("right")
+        bar.tick_params(axis="y", right=True, left=False, labelright=True, labelleft=False)
+        return bar
+
+    def length_bar(self, plane: Plane, left: float, top: float, *size: float) -> Axes:
+        """Draw the colour bar of transient length, a band for each length that can occur."""
+        lengths = lengths_of(plane)
+        half = CHUNK_PERIODS / 2
+        bar = self.bar(
+            transient_colours(lengths, plane.periods), (lengths[0] - half, lengths[-1] + half), left, top, *size
+        )
+        step = next(step for step in (5, 10, 20, 50, 100, 200, 500, 1000, 10**7) if plane.periods / step <= 8)
+        bar.set_yticks(np.unique([CHUNK_PERIODS, *np.arange(step, plane.periods + 1, step)]))
+        bar.set_ylabel("transient length (periods)")
+        return bar
+
+
+def lengths_of(plane: Plane) -> np.ndarray:
+    """Return the transient lengths that can occur, (lengths,) periods."""
+    return np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)
+
+
+def cell_pixels(plane: Plane, size: tuple[int, int], dpi: float) -> tuple[float, float]:
+    """Return the size of a map near `size` whose cells are whole dots at `dpi`; both in pixels of `UNIT_DPI`."""
+    scale = dpi / UNIT_DPI
+    ny, nx = plane.shape
+    dots = [max(1, round(length * scale / count)) * count for length, count in zip(size, (nx, ny), strict=True)]
+    return dots[0] / scale, dots[1] / scale
+
+
+def paint(ax: Axes, plane: Plane, colours: np.ndarray) -> None:
+    """Fill axes with one colour a cell, (ny, nx, 3) uint8, and their ticks."""
+    ny, nx = plane.shape
+    # The same dots as imshow() gives, which would resample them in floating point.
+    ax.add_image(PcolorImage(ax, np.arange(nx + 1), np.arange(ny + 1), colours))
+    ax.set(xlim=(0, nx), ylim=(0, ny))
+    for direction, axis in zip((ax.xaxis, ax.yaxis), plane.axes, strict=True):
+        ticks = axis.ticks()
+        labelled = [tick for tick in ticks if tick.text]
+        direction.set_major_locator(FixedLocator([tick.position for tick in labelled]))
+        direction.set_major_formatter(FixedFormatter([tick.text for tick in labelled]))
+        direction.set_minor_locator(FixedLocator([tick.position for tick in ticks if not tick.text]))
+    ax.tick_params(which="both", direction="out")
+
+
+def label(ax: Axes, plane: Plane, x: str = "", y: str = "") -> None:
+    """Write the names of the axes: "full" with symbol and unit, "symbol" alone, or "" for none."""
+    for kind, axis, write in ((x, plane.axes[0], ax.set_xlabel), (y, plane.axes[1], ax.set_ylabel)):
+        title = axis.title(settings=plane.settings)
+        if kind:
+            write(title if kind == "full" else title.partition("  ")[2].partition("  (")[0] or title)
+
+
+def titles(plane: Plane) -> tuple[str, str]:
+    """Return what a map is of, and how it was made."""
+    given = {name: value for name, value in plane.values.items() if name not in (plane.x_name, plane.y_name)}
+    model = MODEL_NAMES.get(given.get("model", ""), given.get("model", ""))
+    shown = [f"{model} string" if model else "Map of the bowed string"]
+    if "v_mid" in given:
+        shown.append(rf"$v_\mathrm{{mid}}$ = {_short(given['v_mid'])}")
+    ny, nx = plane.shape
+    made = [f"{nx} \u00d7 {ny} gestures", f"{plane.periods:g} periods each"]
+    if "adaptive" in given:
+        made.append(f"{percent(float(given['adaptive']))} simulated at most, the rest predicted")
+    if {"bow_bridge", "period"} <= set(given):
+        made.append(rf"$\beta$ = {given['bow_bridge']}/{given['period']}")
+    if "tau_f" in given:
+        made.append(rf"$\tau_f$ = {_short(given['tau_f'])} samples")
+    if {"mu_s", "mu_d"} <= set(given):
+        made.append(rf"$\mu_s$, $\mu_d$ = {_short(given['mu_s'])}, {_short(given['mu_d'])}")
+    return ", ".join(shown), "  \u00b7  ".join(made)
+
+
+def _short(number: str) -> str:
+    try:
+        return f"{float(number):g}".replace("-", "\u2212")
+    except ValueError:
+        return number
+
+
+def percent(part: float, whole: float = 1.0) -> str:
+    """Return a share in words."""
+    return f"{100 * part / whole:.1f} %"

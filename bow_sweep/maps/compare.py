@@ -1,0 +1,145 @@
+"""Runs beside each other: their maps, their terrain, and how easy the string is to play in each (section IV.B)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bow_sweep.maps.map_file import MapFile, MapFileError, read_map
+from bow_sweep.maps.plane import MODEL_NAMES
+from bow_sweep.maps.playability import MEASURES, playability
+from bow_sweep.maps.terrain import terrain
+
+SURE = 3.0
+"""Errors that a difference must have to be marked as one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A run in a comparison.
+
+    Attributes
+    ----------
+    name
+        Of its directory, or of its map's file.
+    plane
+        Its map.
+    codes
+        (ny, nx) uint8, its terrain.
+    numbers
+        Its playability, see :func:`bow_sweep.maps.playability.playability`.
+    """
+
+    name: str
+    plane: MapFile
+    codes: np.ndarray
+    numbers: dict[str, Any]
+
+    @property
+    def title(self) -> str:
+        """What the run is a map of, in a few words."""
+        given = self.plane.values
+        words = [MODEL_NAMES.get(given.get("model", ""), given.get("model", ""))]
+        if "v_mid" in given:
+            words.append(f"v_mid {float(given['v_mid']):g}")
+        ny, nx = self.plane.shape
+        return ", ".join(filter(None, (*words, f"{nx} × {ny}")))
+
+
+def compare(runs: Sequence[Path]) -> list[Compared]:
+    """Read runs, directories or map.npz files, and measure them.
+
+    Raises
+    ------
+    MapFileError
+        Where there are fewer than two, or one has no map, or none of its cells is computed.
+    """
+    if len(runs) < 2:
+        raise MapFileError(f"{len(runs)} run given; should be two at least")
+    found = []
+    for run, name in zip(runs, names(runs), strict=True):
+        plane = read_map(run)
+        if np.isnan(plane.transient_periods).all():
+            raise MapFileError(f"{run}: none of its cells is computed; should be some, see bow sweep --resume")
+        numbers = playability(plane.transient_periods, plane.regime, plane.regime_names)
+        found.append(Compared(name, plane, terrain(plane.transient_periods), numbers))
+    return found
+
+
+def names(runs: Sequence[Path]) -> list[str]:
+    """Return a short name of each run: its last part, or as much of its path as tells it from the others."""
+    parts = [run.resolve().parts for run in runs]
+    for length in range(1, max(map(len, parts)) + 1):
+        short = ["/".join(part[-length:]) for part in parts]
+        if len(set(short)) == len(set(parts)):
+            return short
+    return [str(run) for run in runs]
+
+
+def difference(one: Compared, other: Compared, name: str) -> tuple[float | None, float | None]:
+    """Return how much greater a measure is in `other` than in `one`, and the error of that; None where unknown."""
+    (first, error), (second, other_error) = (value_and_error(each.numbers, name) for each in (one, other))
+    if first is None or second is None:
+        return None, None
+    if error is None or other_error is None:
+        return second - first, None
+    return second - first, math.hypot(error, other_error)
+
+
+def value_and_error(numbers: dict[str, Any], name: str) -> tuple[float | None, float | None]:
+    """Return a measure of a playability, and its error."""
+    return numbers[name]["value"], numbers[name]["error"]
+
+
+def notes(found: Sequence[Compared]) -> list[str]:
+    """Return what a reader should know before holding these runs against each other."""
+    result = []
+    first = found[0].plane
+    for each in found:
+        missing = int(np.isnan(each.plane.transient_periods).sum())
+        if missing:
+            result.append(f"{each.name}: {missing} cells are not computed and left out")
+    for each in found[1:]:
+        plane = each.plane
+        if (plane.x_name, plane.y_name) != (first.x_name, first.y_name) or not np.allclose(
+            (plane.x[0], plane.x[-1], plane.y[0], plane.y[-1]), (first.x[0], first.x[-1], first.y[0], first.y[-1])
+        ):
+            result.append(f"{each.name} is another plane than {found[0].name}: shares of the two are not comparable")
+        elif plane.shape != first.shape:
+            result.append(f"{each.name} has another grid than {found[0].name}: boundary and terrain depend on the grid")
+        if plane.periods != first.periods:
+            result.append(f"{each.name} is {plane.periods:g} periods long, {found[0].name} {first.periods:g}")
+    return result
+
+
+def sure(one: Compared, other: Compared, name: str) -> bool:
+    """Whether a difference is greater than `SURE` errors, and shows at least half as great on grids half as fine.
+
+    The second asks for more than chance: a kind of terrain may be too small a patch for the coarser grids to see.
+    """
+    step, error = difference(one, other, name)
+    if step is None or error is None:
+        return False
+    coarse = other.numbers[name]["half_grid"] - one.numbers[name]["half_grid"]
+    return abs(step) > SURE * error and coarse * step >= step * step / 2
+
+
+def as_json(found: Sequence[Compared]) -> dict[str, Any]:
+    """Return the comparison for programs; differences are those of each run from the first."""
+    runs = [
+        {"run": each.name, "map": each.title, "sweep_id": each.plane.sweep_id, "playability": each.numbers}
+        for each in found
+    ]
+    steps = []
+    for each in found[1:]:
+        entry: dict[str, Any] = {"from": found[0].name, "to": each.name}
+        for measure in MEASURES:
+            step, error = difference(found[0], each, measure.name)
+            entry[measure.name] = {"value": step, "error": error, "sure": sure(found[0], each, measure.name)}
+        steps.append(entry)
+    return {"runs": runs, "differences": steps, "notes": notes(found)}

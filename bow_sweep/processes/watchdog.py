@@ -1,0 +1,174 @@
+"""The watchdog of a graph: which processes make no progress, since when, and when that is too long. No ROS, no clock.
+
+Times are seconds in which the supervisor could run (:class:`bow_sim.protocol.neighbours.AwakeClock`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import NamedTuple
+
+from bow_sim.graph.process_stat import read_stat
+from bow_sim.protocol.neighbours import CONSUMERS
+from bow_sim.protocol.states import NodeState
+
+STUCK_S, AFTER_STOP_S = 12.0, 6.0
+"""A process that is not ready after this time is restarted. After a stop the time is shorter: all have started before.
+"""
+
+UNHEARD_S = 15.0
+"""A process has this long to send its first or next heartbeat, while it does not compute."""
+
+STALL_S = 300.0
+"""A sweep without progress for this long, while no process is stopped, is given up; it can be resumed."""
+
+RESTARTS = 3
+"""A role is restarted this often because its heartbeats do not arrive; more often does not help."""
+
+BUSY_SHARE, BUSY_BYTES = 0.2, 1e6
+"""A process is busy, and may be starting, that uses (or waits for) this share of a core, or moves this many bytes/s."""
+
+
+class Usage(NamedTuple):
+    """Resources that a process has used.
+
+    Attributes
+    ----------
+    stopped
+        It is stopped (SIGSTOP).
+    runs
+        It runs, or waits for a core or a disk.
+    cpu_s
+        CPU seconds so far.
+    bytes
+        Bytes read and written so far.
+    """
+
+    stopped: bool = False
+    runs: bool = False
+    cpu_s: float = 0.0
+    bytes: int = 0
+
+
+def usage(pid: int) -> Usage:
+    """Return the resources that a process has used so far; zeros where it has exited."""
+    stat = read_stat(pid)
+    try:
+        lines = Path(f"/proc/{pid}/io").read_text().splitlines()
+    except OSError:
+        return Usage()
+    if stat is None:
+        return Usage()
+    return Usage(stat.state in "Tt", stat.state in "RD", stat.cpu_s, sum(int(line.split()[1]) for line in lines[:2]))
+
+
+class _Starting(NamedTuple):
+    """A process that is not ready."""
+
+    role: str
+    since: float
+
+
+class Watchdog:
+    """Decides by heartbeats and CPU use which processes of a graph are stuck, unheard, or stalled.
+
+    Parameters
+    ----------
+    run_id
+        The run of the graph.
+    read_usage
+        Returns the :class:`Usage` of a process, by its number.
+    """
+
+    def __init__(self, run_id: str, read_usage: Callable[[int], Usage] = usage) -> None:
+        self._run_id, self._read_usage = run_id, read_usage
+        self._opened = math.inf  # when the coordinator had opened the run
+        self._starting: dict[int, _Starting] = {}
+        self._patience = STUCK_S
+        self._without_run: set[int] = set()  # consumers that have not opened this run yet
+        self._heard: dict[int, float] = {}  # time of the last heartbeat, or of the first call that names the process
+        self._usage: dict[int, tuple[Usage, float]] = {}  # at the beginning of a second, and when that was
+        self._ran: dict[int, list[bool]] = {}  # whether it ran, at each check since then
+        self._progress: tuple[object, float] = (None, 0.0)
+        self.worked: set[int] = set()
+        """Processes that have been ready."""
+
+    def heartbeat(self, pid: int, role: str, state: int, run_id: str, now: float) -> None:
+        """Take in a heartbeat of one of our processes: a :class:`NodeState`, and the run that it works for."""
+        self._heard[pid] = now
+        if role == "coordinator" and run_id == self._run_id:
+            self._opened = min(self._opened, now)
+        if state in (NodeState.READY, NodeState.BUSY):
+            self.worked.add(pid)
+        without_run = role in CONSUMERS and run_id != self._run_id
+        (self._without_run.add if without_run else self._without_run.discard)(pid)
+        if without_run or (state == NodeState.STARTING and run_id):
+            self._starting.setdefault(pid, _Starting(role, now))
+        else:
+            self._starting.pop(pid, None)
+
+    def progress(self, value: object, now: float) -> None:
+        """Take in how far the sweep is; a value other than the last one is progress."""
+        if value != self._progress[0]:
+            self._progress = (value, now)
+
+    def suspend_timeouts(self, pids: Collection[int], now: float) -> set[int]:
+        """Restart all timeouts while one of the processes is stopped; return those that are stopped."""
+        stopped = {pid for pid in pids if self._read_usage(pid).stopped}
+        if stopped:
+            self.note_stop()
+            self._progress = (self._progress[0], now)
+            self._starting = {pid: process._replace(since=now) for pid, process in self._starting.items()}
+            self._heard.update(dict.fromkeys(self._heard.keys() & set(pids), now))
+        return stopped
+
+    def note_stop(self) -> None:
+        """A process was stopped, or the machine slept: DDS may have lost connections that it does not find again."""
+        self._patience = AFTER_STOP_S
+
+    def stuck(self, now: float) -> set[int]:
+        """Return the processes to restart because they are not ready; the timeouts of all others start again.
+
+        Processes that are not ready wait for each other. First in question is a recorder or classifier that has not
+        opened the run, then one that other nodes do not hear, then simulators.
+        """
+        since = {pid: max(process.since, self._opened) for pid, process in self._starting.items()}
+        consumers = {pid for pid, process in self._starting.items() if process.role in CONSUMERS}
+        candidates = (self._without_run & consumers) or consumers or since.keys()
+        stuck = {pid for pid in candidates if now - since[pid] > self._patience}
+        if stuck:
+            self._without_run -= stuck
+            others = {pid: process for pid, process in self._starting.items() if pid not in stuck}
+            self._starting = {pid: process._replace(since=now) for pid, process in others.items()}
+        return stuck
+
+    def unheard(self, pids: Collection[int], now: float) -> set[int]:
+        """Return the processes whose heartbeat is overdue although they neither compute nor read."""
+        overdue = set()
+        for pid in pids:
+            used = self._read_usage(pid)
+            before, since = self._usage.setdefault(pid, (used, now))
+            ran = self._ran.setdefault(pid, [])
+            ran.append(used.runs)
+            passed = now - since
+            if passed > 1:
+                self._usage[pid], self._ran[pid] = (used, now), []
+                cpu, moved = (used.cpu_s - before.cpu_s) / passed, (used.bytes - before.bytes) / passed
+                if max(cpu, sum(ran) / len(ran)) > BUSY_SHARE or moved > BUSY_BYTES:
+                    self._extend(pid, now)
+            if now - self._heard.setdefault(pid, now) > UNHEARD_S:
+                overdue.add(pid)
+        return overdue
+
+    def _extend(self, pid: int, now: float) -> None:
+        """Leave a busy process at least half of each timeout."""
+        self._heard[pid] = max(self._heard.get(pid, now), now - UNHEARD_S / 2)
+        if pid in self._starting:
+            process = self._starting[pid]
+            self._starting[pid] = process._replace(since=max(process.since, now - self._patience / 2))
+
+    def is_stalled(self, now: float) -> bool:
+        """Return whether the sweep has made no progress for `STALL_S`."""
+        return now - max(self._progress[1], self._opened) > STALL_S

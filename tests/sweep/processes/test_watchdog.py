@@ -1,0 +1,154 @@
+"""How long a supervisor waits for its processes, and whom it blames."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from bow_sim.protocol.states import NodeState
+from bow_sweep.processes.watchdog import AFTER_STOP_S, STALL_S, STUCK_S, UNHEARD_S, Usage, Watchdog, usage
+
+RUN = "a" * 16
+
+
+class Machine:
+    """Processes that compute or are stopped as a test says."""
+
+    def __init__(self) -> None:
+        self.stopped: set[int] = set()
+        self.cpu: dict[int, float] = {}
+        self.read: dict[int, int] = {}
+        self.starved: set[int] = set()
+
+    def usage(self, pid: int) -> Usage:
+        return Usage(pid in self.stopped, pid in self.starved, self.cpu.get(pid, 0.0), self.read.get(pid, 0))
+
+
+@pytest.fixture
+def machine() -> Machine:
+    return Machine()
+
+
+def test_who_is_not_heard_by_the_others_is_named_once_consumers_first(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+
+    def says(pid: int, role: str, state: int, now: float, run: str = RUN) -> None:
+        watchdog.heartbeat(pid, role, state, run, now)
+
+    says(9, "coordinator", NodeState.BUSY, 0)
+    says(1, "recorder", NodeState.STARTING, 0)
+    says(2, "simulator", NodeState.STARTING, 0)
+    says(3, "classifier", NodeState.STARTING, 0)
+    says(4, "simulator", NodeState.STARTING, 0, run="")  # waits for a plan
+    says(1, "recorder", NodeState.STARTING, STUCK_S)
+    says(3, "classifier", NodeState.BUSY, 1)
+    assert watchdog.stuck(STUCK_S) == set()
+    assert watchdog.stuck(STUCK_S + 1) == {1}
+    assert watchdog.stuck(STUCK_S + 1) == set()
+    says(5, "recorder", NodeState.STARTING, STUCK_S + 2)
+    says(5, "recorder", NodeState.BUSY, STUCK_S + 3)
+    assert watchdog.stuck(2 * STUCK_S + 1) == set()
+    assert watchdog.stuck(2 * STUCK_S + 2) == {2}
+    assert watchdog.stuck(3 * STUCK_S + 3) == set()
+    assert watchdog.worked == {3, 5, 9}
+
+
+def test_a_consumer_that_has_not_taken_up_the_run_is_blamed_before_those_who_wait_for_it(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    for pid, role in ((1, "classifier"), (2, "simulator")):
+        watchdog.heartbeat(pid, role, NodeState.STARTING, RUN, 0)
+    watchdog.heartbeat(3, "recorder", NodeState.READY, "", 0)
+    assert watchdog.stuck(100) == set()  # the coordinator reads a bag, say, before it opens the run
+    watchdog.heartbeat(9, "coordinator", NodeState.STARTING, RUN, 100)
+    assert watchdog.stuck(100 + STUCK_S) == set()
+    assert watchdog.stuck(101 + STUCK_S) == {3}
+    watchdog.heartbeat(4, "recorder", NodeState.BUSY, RUN, 110)
+    assert watchdog.stuck(102 + 2 * STUCK_S) == {1}
+
+
+def unheard_after(watchdog: Watchdog, pids: set[int], start: int, end: int) -> set[int]:
+    """Look once a second; return who is unheard at the end."""
+    found: set[int] = set()
+    for now in range(start, end):
+        found = watchdog.unheard(pids, float(now))
+    return found
+
+
+def test_a_process_that_is_not_heard_and_does_not_compute_is_named(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(1, "recorder", NodeState.BUSY, RUN, 0.0)
+    assert unheard_after(watchdog, {1, 2}, 0, int(UNHEARD_S)) == set()
+    watchdog.heartbeat(1, "recorder", NodeState.BUSY, RUN, UNHEARD_S)
+    assert unheard_after(watchdog, {1, 2}, int(UNHEARD_S), int(UNHEARD_S) + 3) == {2}
+
+
+def test_a_process_that_computes_or_reads_is_still_starting(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    for now in range(60):
+        machine.cpu[1] = 0.5 * now
+        machine.read[2] = 10_000_000 * now
+        machine.starved = {3} if now % 3 == 0 else set()  # others have the cores
+        assert watchdog.unheard({1, 2, 3}, float(now)) == set()
+    machine.starved = set()
+    assert unheard_after(watchdog, {1, 2, 3}, 60, 60 + int(UNHEARD_S) + 3) == {1, 2, 3}
+
+
+def test_a_process_that_is_busy_has_longer_to_get_to_work(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 0)
+    watchdog.heartbeat(1, "recorder", NodeState.STARTING, RUN, 0)
+    machine.starved = {1}
+    for now in range(60):
+        watchdog.unheard({1}, float(now))
+        assert watchdog.stuck(float(now)) == set()
+    machine.starved = set()
+    assert watchdog.stuck(60 + STUCK_S) == {1}
+
+
+def test_time_in_which_a_process_is_stopped_does_not_count(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(1, "recorder", NodeState.STARTING, RUN, 0.0)
+    watchdog.progress("half", 0.0)
+    machine.stopped = {2}
+    for now in range(1000):
+        assert watchdog.suspend_timeouts({1, 2}, float(now)) == {2}
+    machine.stopped = set()
+    assert watchdog.suspend_timeouts({1, 2}, 1000.0) == set()
+    assert watchdog.stuck(1000.0) == set()
+    watchdog.heartbeat(9, "coordinator", NodeState.STARTING, RUN, 1000.0)
+    assert watchdog.stuck(1000.0 + AFTER_STOP_S) == set()
+    assert watchdog.stuck(1001.0 + AFTER_STOP_S) == {1}  # all have long started
+    assert watchdog.unheard({1, 2}, 1000.0) == set()
+
+
+def test_a_sweep_without_progress_is_given_up_in_the_end(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.progress(0, 0.0)
+    assert not watchdog.is_stalled(10 * STALL_S)  # the coordinator reads a bag, say
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 10.0)
+    watchdog.progress(5, 10.0)
+    watchdog.progress(5, 10.0 + STALL_S)
+    assert not watchdog.is_stalled(10.0 + STALL_S)
+    assert watchdog.is_stalled(11.0 + STALL_S)
+    watchdog.progress(6, 11.0 + STALL_S)
+    assert not watchdog.is_stalled(12.0 + STALL_S)
+
+
+def test_the_system_says_whether_a_process_is_stopped_and_what_it_used() -> None:
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as process:
+        try:
+            deadline = time.monotonic() + 20
+            while usage(process.pid).cpu_s < 0.1:
+                assert time.monotonic() < deadline
+            assert not usage(process.pid).stopped
+            os.kill(process.pid, signal.SIGSTOP)
+            while not usage(process.pid).stopped:
+                assert time.monotonic() < deadline
+        finally:
+            process.kill()
+    assert usage(process.pid) == Usage()
