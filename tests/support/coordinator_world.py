@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -95,7 +96,7 @@ class World:
         self.tests: set[tuple[int, int]] = set()  # cell, chunk
         self.to_write: WriteResults | None = None
         self.written = False
-        self.closed_at = 0.0
+        self.closed_at = self.plan_at = 0.0
         self.goal: bytes | None = None
 
     def create(self, sweep: Sweep) -> Run:
@@ -178,7 +179,9 @@ class World:
             case RunEnded():
                 assert self.written
                 assert self.bag_is_closed() or self.now - self.closed_at > CLOSE_S
-                assert (self.directory / self.plan["run_id"] / REPORT).exists()
+                report = json.loads((self.directory / self.plan["run_id"] / REPORT).read_bytes())
+                quarantined = np.flatnonzero(self.states == BlockState.QUARANTINED).tolist()
+                assert sorted(map(int, report["quarantined_blocks"])) == quarantined
                 assert self.session.run is None
                 self.forget_run()
 
@@ -207,12 +210,14 @@ class World:
         assert len(after) >= len(before)
         kept = before != BlockState.OUTSTANDING
         assert np.array_equal(after[: len(before)][kept], before[kept]), "what is settled stays settled"
-        self.plan, self.states = plan, after
+        self.plan, self.states, self.plan_at = plan, after, self.now
         if self.is_closed:
             self.closed_at = self.now
             if self.goal not in self.cancelled:
                 assert (after != BlockState.OUTSTANDING).all()
                 assert run.ledger.finished
+                length = np.where(run.done(), self.session._active.basin.transient_periods, np.nan)
+                assert run.sweep.more_blocks(run.blocks, length) is None, "no round is left"
 
     def on_block(self, values: dict[str, Any]) -> None:
         run = self.session.run
@@ -222,11 +227,12 @@ class World:
             run.sweep.sweep_id,
             run.ledger.epoch,
         )
-        assert values["epoch"] >= self.plan["epoch"]
+        assert values["epoch"] == self.plan["epoch"], "a new epoch is announced before its blocks"
         assert values["coordinator"] == self.own
         if not len(values["cells"]):
             return
         assert not self.is_closed
+        assert values["block"] < len(self.states), "a round is announced before its blocks"
         key = (values["block"], values["attempt"])
         assert key not in self.sent
         self.sent.add(key)
