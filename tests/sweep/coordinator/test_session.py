@@ -75,11 +75,11 @@ class Coordinating(RuleBasedStateMachine):
             self.all_take_up()
 
     def all_take_up(self) -> None:
-        for role in CONSUMERS:
-            self.start(role, f"/bow/{role}")
-            self.take_up(f"/bow/{role}")
-        for name in ("/bow/s1", "/bow/s2"):
-            self.start("simulator", name)
+        roles = {f"/bow/{role}": role for role in CONSUMERS} | dict.fromkeys(("/bow/s1", "/bow/s2"), "simulator")
+        for name, role in roles.items():
+            if name not in self.world.nodes:
+                self.start(role, name)
+        for name in list(self.world.nodes):
             self.take_up(name)
 
     def start(self, role: str, name: str) -> None:
@@ -285,7 +285,10 @@ class Coordinating(RuleBasedStateMachine):
     @rule()
     def work(self) -> None:
         """All that are there do their work for a second."""
-        self.time_passes(1.0, False)
+        self.world.now += 1.0
+        for name in list(self.world.nodes):
+            self.take_up(name)
+        self.tick()
         while self.world.mail:
             self.post(True, False, 0)
         for name in ("/bow/s1", "/bow/s2"):
@@ -343,15 +346,15 @@ class Coordinating(RuleBasedStateMachine):
     def come_to_an_end(self) -> None:
         """With simulators that answer, the run in progress comes to its end, and its goal is answered."""
         world = self.world
-        for name in sorted(world.nodes):
-            world.beat(world.nodes.pop(name), state=NodeState.DEAD)
-        world.mail.clear()
+        if world.born % 2:  # the nodes that are there go on, or new ones take their places
+            for name in sorted(world.nodes):
+                world.beat(world.nodes.pop(name), state=NodeState.DEAD)
+            world.mail.clear()
         world.now += 2 * SILENT_S
         for _ in range(150):
             if world.session.run is None:
                 break
-            if not world.nodes:
-                self.all_take_up()
+            self.all_take_up()
             self.work()
         assert world.session.run is None, "the run does not come to its end"
         assert not world.goals
