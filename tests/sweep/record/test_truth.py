@@ -148,7 +148,7 @@ def gone_on_with(directory: Path, sweep: object, remedies: int = 2) -> list[str]
             return said
         graph = SmallGraph(directory, sweep, again=True)
         graph.run()
-        return said + graph.said
+        return said + graph.log
     except RunError as error:
         text = str(error)
         assert str(directory) in text, text
