@@ -14,7 +14,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from bow_sweep.run.ledger_events import (
     ConsumerRestarted,
@@ -34,30 +34,7 @@ from bow_sweep.run.ledger_events import (
     SimulatorReady,
     State,
     Tick,
-    receipted,
 )
-
-__all__ = [
-    "ConsumerRestarted",
-    "Dispatch",
-    "Event",
-    "Finished",
-    "Grown",
-    "Instruction",
-    "Judged",
-    "Ledger",
-    "NewEpoch",
-    "OnDisk",
-    "Receipted",
-    "Record",
-    "Refused",
-    "Settled",
-    "SimulatorLost",
-    "SimulatorReady",
-    "State",
-    "Tick",
-    "receipted",
-]
 
 SUSPECT_CRASHES = 2
 """A block during which this many simulators crashed is sent only to simulators that hold no other block."""
@@ -75,6 +52,11 @@ STALE_S = 6.0
 """Seconds without an acknowledgement after which a block is due again that no simulator holds any more."""
 
 
+class _Checksums(NamedTuple):
+    streams: int
+    verdicts: int
+
+
 @dataclass
 class _Block:
     state: State = State.DUE
@@ -84,7 +66,7 @@ class _Block:
     touched: float = 0.0
     on_disk: bool = False
     streams: dict[int, int] = field(default_factory=dict)
-    judged: dict[int, tuple[int, int]] = field(default_factory=dict)
+    judged: dict[int, _Checksums] = field(default_factory=dict)
     verdicts: dict[int, int] = field(default_factory=dict)
 
     @property
@@ -102,8 +84,8 @@ class _Block:
         if judged is None:
             return ""
         for what, receipt, verdict in (
-            ("streams", self.streams.get(chunk), judged[0]),
-            ("verdicts", self.verdicts.get(chunk), judged[1]),
+            ("streams", self.streams.get(chunk), judged.streams),
+            ("verdicts", self.verdicts.get(chunk), judged.verdicts),
         ):
             if receipt is not None and receipt != verdict:
                 return f"chunk {chunk}: {what} recorded as {receipt:016x}, judged as {verdict:016x}"
@@ -201,8 +183,8 @@ class Ledger:
                 self._restart(role, out)
             case Judged(number, chunk, chunk_checksum, checksum):
                 if self._concerns(number, chunk):
-                    known = self.blocks[number].judged.setdefault(chunk, (chunk_checksum, checksum))
-                    differs = known != (chunk_checksum, checksum)
+                    checksums = _Checksums(chunk_checksum, checksum)
+                    differs = self.blocks[number].judged.setdefault(chunk, checksums) != checksums
                     self._answered(number, chunk, differs, now, out)
             case Receipted(number, chunk, checksum, verdicts):
                 if self._concerns(number, chunk):
