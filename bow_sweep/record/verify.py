@@ -20,7 +20,7 @@ from bow_sweep.record.bag import FOLDER, BagError, bag_of
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.replay import SCAN_SHARE, classify_block, differing, task_of
-from bow_sweep.record.verify_files import Beside, transient_lengths
+from bow_sweep.record.verify_files import FileChecks, transient_lengths
 
 RECEIPTS_BLOCKS = 2
 """From this version of the record on, complete blocks have a receipt of their own."""
@@ -123,7 +123,7 @@ class _Accounts:
             "quarantined_blocks": np.flatnonzero(quarantined).tolist(),
             "notes": self.notes,
         }
-        Beside(run_directory, survey, expected, self.states, done, counts).check()
+        FileChecks(run_directory, survey, expected, self.states, done, counts).check()
         return counts
 
     # ---- every chunk once
