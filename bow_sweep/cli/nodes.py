@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import sys
 from collections.abc import Sequence
@@ -13,9 +14,11 @@ from bow_sweep.processes.roles import MODULES
 
 
 def add_commands(commands: Any) -> None:
-    """Add a parser for each node. They only show up in the help: :func:`run_node` takes the arguments as they are."""
+    """Add a parser for each node; its default `run` passes all arguments to the node."""
     for name in MODULES:
-        commands.add_parser(name, help=f"run one {name} node, as `ros2 run bow {name}` does", add_help=False)
+        parser = commands.add_parser(name, help=f"run one {name} node, as `ros2 run bow {name}` does", add_help=False)
+        parser.add_argument("arguments", nargs=argparse.REMAINDER)
+        parser.set_defaults(run=lambda args: run_node(args.command, args.arguments))
 
 
 def run_node(role: str, arguments: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""Material for tests of the record: a small sweep's true messages, and a recorder process fed with them."""
+"""Material for tests of the record: the real messages of a small sweep, and a recorder process that gets them."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def plan(
 def chunks(
     sweep: Sweep, block: int, attempt: int = 1, run: str = RUN, blocks: Blocks | None = None
 ) -> tuple[Chunk, ...]:
-    """Return what simulator and classifier say of a block: the real kernel's waveforms, the real verdicts."""
+    """Return the messages of simulator and classifier for a block: waveforms of the real kernel, real verdicts."""
     blocks = blocks or sweep.first_blocks
     cells = blocks.block(block)
     string = Block(sweep.parameters, sweep.lanes(cells))
@@ -141,7 +141,7 @@ def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:
 
 
 def leave_all(directory: Path, sweep: Sweep, quarantined: Collection[int] = ()) -> Path:
-    """Leave beside a recorded bag what a coordinator leaves there; return the directory."""
+    """Write the files of a coordinator beside a recorded bag; return the directory."""
     run = Run.create(directory, RUN, sweep)
     for number, block in enumerate(run.ledger.blocks):
         block.state = State.QUARANTINED if number in quarantined else State.DONE
@@ -176,7 +176,7 @@ def copy(run: Path, to: Path) -> None:
 
 @dataclass
 class Graph:
-    """A node of ours and a recorder process, alone in a domain of their own."""
+    """A node of the test and a recorder process, in a ROS domain of their own."""
 
     directory: Path
     node: Any
@@ -188,14 +188,14 @@ class Graph:
     process: subprocess.Popen[bytes] | None = None
 
     def start_recorder(self, *parameters: str) -> None:
-        """Start the recorder and wait until it has met our publishers."""
+        """Start the recorder and wait until its subscriptions are matched."""
         arguments = ["--ros-args", "-r", f"__ns:={NAMESPACE}", "-p", f"run_dir:={self.directory}"]
         arguments += [part for parameter in parameters for part in ("-p", parameter)]
         command = [sys.executable, "-m", "bow_sweep.record.node", *arguments]
         self.process = subprocess.Popen(command, env=self.environment)
         pid = self.process.pid
         self.until(lambda: any(h.pid == pid and h.state != 0 for h in self.health), "the recorder is up")
-        # matched by the living one: a killed one's endpoints stay for the lease
+        # matched by the running recorder: the endpoints of a killed one stay for the lease duration
         living = f"{NAMESPACE}/bridge_force"
         gids = self._recorders(living)
         self.until(lambda: bool(self._recorders(living)) and self._matched(), f"streams are matched {gids}")
@@ -211,7 +211,7 @@ class Graph:
         )
 
     def publish(self, topic: str, data: bytes) -> None:
-        if topic == "plan":  # as its coordinator, which is there and works for the run
+        if topic == "plan":  # from a coordinator that sends heartbeats and works for the run
             plan = {**cdr.decode("Plan", data), "incarnation": self.node.incarnation}
             self.node.set_state(NodeState.BUSY, "", plan["run_id"])
             data = cdr.encode("Plan", plan)
@@ -228,7 +228,7 @@ class Graph:
             self.executor.spin_once(timeout_sec=0.02)
 
     def until(self, condition: Callable[[], bool], what: str, timeout: float = 30.0) -> None:
-        """Spin until a condition holds; fail, saying what was waited for."""
+        """Spin until a condition holds; after a time limit fail, naming the condition."""
         end = time.monotonic() + timeout
         while not condition():
             assert time.monotonic() < end, f"waited {timeout} s until {what}"
@@ -263,7 +263,7 @@ class Graph:
 
 @contextmanager
 def graph(directory: Path, domain: int) -> Iterator[Graph]:
-    """Make a node in a context of its own, and end what was started."""
+    """Make a node in a context of its own; stop all processes at the end."""
     import rclpy
     from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip, Verdicts
     from rclpy.executors import SingleThreadedExecutor
@@ -286,7 +286,7 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
         yield made
     finally:
         if made.process is not None:
-            made.process.terminate()  # killed, it would leave its shared memory
+            made.process.terminate()  # SIGKILL would leave its shared memory behind
             made.process.wait(30)
         executor.shutdown()
         node.destroy_node()
@@ -294,12 +294,12 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
 
 
 def whats(result: Mapping[str, Any]) -> str:
-    """Return what a verification found wrong."""
+    """Return the problems that a verification found."""
     return " | ".join(problem["what"] for problem in result["problems"])
 
 
 def quarantined_run(run: Path) -> None:
-    """Record the small sweep, of which block 1 is given up after one chunk."""
+    """Record the small sweep with block 1 quarantined after one chunk."""
     sweep = small_sweep()
     made = session(run, sweep)
     for topic, data in everything(sweep):

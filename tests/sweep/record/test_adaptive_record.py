@@ -1,4 +1,4 @@
-"""The record of an adaptive sweep: its blocks become known round by round, and every one is accounted for."""
+"""The record of an adaptive sweep: blocks are added round by round, and every one is checked."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def take(session: Session, blocks: Blocks, numbers: range, basin: Basin | None =
 
 
 def record(directory, *, change=None, given_up=()):
-    """Record an adaptive sweep without ROS; return its blocks in the end."""
+    """Record an adaptive sweep without ROS; return all its blocks."""
     blocks, done = SWEEP.first_blocks, 0
     session = recording.session(directory, SWEEP)
     basin = Basin(SWEEP.x.count, SWEEP.y.count, SWEEP.chunks)
@@ -64,7 +64,7 @@ def record(directory, *, change=None, given_up=()):
 
 def test_every_cell_of_every_round_is_accounted_for_once(tmp_path):
     blocks = record(tmp_path / "run")
-    assert len(blocks.rounds) > 3  # or this shows nothing
+    assert len(blocks.rounds) > 3  # otherwise the test shows nothing
     account = verify(tmp_path / "run")
     assert account["ok"], account["problems"]
     assert account["notes"] == []

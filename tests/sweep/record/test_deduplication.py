@@ -1,4 +1,4 @@
-"""What is stored once is answered every time."""
+"""A message that is stored once is answered every time it comes."""
 
 from bow_sim.protocol.cdr import chunk_checksum
 from bow_sim.protocol.states import ReceiptKind
@@ -32,7 +32,7 @@ def test_an_attempt_that_is_sent_again_is_answered_again():
 
 def test_halves_of_two_attempts_make_a_chunk_and_each_attempt_has_its_answer():
     stored = StoredMessages()
-    stored.take("bridge_force", 3, 1, 1, 11)  # then its simulator dies
+    stored.take("bridge_force", 3, 1, 1, 11)  # then its simulator exits
     assert stored.take("stick_slip", 3, 1, 2, 22) == (True, Answer(ReceiptKind.STREAMS, 3, 1, 2, WHOLE))
     assert stored.take("stick_slip", 3, 1, 1, 22)[1] == Answer(ReceiptKind.STREAMS, 3, 1, 1, WHOLE)
 

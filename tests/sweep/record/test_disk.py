@@ -1,4 +1,4 @@
-"""A block is receipted as stored only when it is on the disk, and nobody waits for the disk meanwhile."""
+"""A block has its receipt only when it is on the disk, and recording does not wait for the disk."""
 
 import errno
 import os
@@ -20,7 +20,7 @@ SWEEP = recording.small_sweep()
 
 
 class Disk:
-    """A disk whose syncs come back when they are let."""
+    """A disk whose syncs return when the test allows it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.let = threading.Event()
@@ -33,7 +33,7 @@ class Disk:
 
 
 def until(what) -> object:
-    """Wait for something to be true; return it."""
+    """Wait until the result of a call is true; return it."""
     end = time.monotonic() + 10
     while not (found := what()):
         assert time.monotonic() < end
@@ -42,7 +42,7 @@ def until(what) -> object:
 
 
 def blocks_on_disk(session: Session) -> list[tuple[int, int]]:
-    """Commit; return (block, attempt) of what is receipted as on the disk."""
+    """Commit; return (block, attempt) of the blocks with a receipt."""
     data = session.commit(time.time_ns())
     if data is None:
         return []
@@ -109,7 +109,7 @@ def test_after_a_restart_what_is_whole_is_receipted_once_it_is_on_the_disk(tmp_p
     first = recording.session(tmp_path / "run", SWEEP)
     send(first, 0)
     first.commit(time.time_ns())
-    first.abandon()  # killed before the disk had it
+    first.abandon()  # killed before the sync
     second = recording.session(tmp_path / "run", SWEEP, epoch=2)
     assert blocks_on_disk(second) == [(0, 1)]
     send(second, 1)

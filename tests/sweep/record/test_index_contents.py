@@ -1,4 +1,4 @@
-"""The check at the end of a sweep finds by the index what reading everything finds."""
+"""The check by the index, at the end of a sweep, finds the same as reading everything."""
 
 import json
 import shutil
@@ -23,7 +23,7 @@ def check(run):
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A run that was cut off once, in two files."""
+    """A run that was interrupted once, in two files."""
     run = tmp_path_factory.mktemp("index") / "run"
     SmallGraph(run, SWEEP, cut_after=5).run()
     SmallGraph(run, SWEEP, again=True).run()

@@ -1,4 +1,4 @@
-"""Our MCAP files are MCAP: mcap's own readers check every CRC; and our scan finds what is wrong with any file."""
+"""Our files are valid MCAP: the readers of the mcap package check every CRC; and our scan finds all damage."""
 
 import io
 import os
@@ -115,7 +115,7 @@ def test_a_commit_that_the_disk_refuses_leaves_the_file_as_it_was(tmp_path, monk
         writer.commit()
     monkeypatch.undo()
     assert (tmp_path / "a.mcap").stat().st_size == size
-    writer.finish()  # there is room again: nothing was lost
+    writer.finish()  # the disk has room again: nothing was lost
     assert [bytes(m.data) for m in Scan(tmp_path / "a.mcap").messages()] == [b"first", bytes(100_000)]
 
 
@@ -139,7 +139,7 @@ def test_every_flipped_byte_is_damage(tmp_path):
 
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory):
-    """Two small files, ours and another writer's compressed one, and where to put changed ones."""
+    """Two small files, one of ours and a compressed one of another writer, and a folder for changed ones."""
     folder = tmp_path_factory.mktemp("sample")
     write(folder / "ours.mcap", [os.urandom(size) for size in (30, 0, 200, 7, 60)], commit_every=2)
     with open(folder / "other.mcap", "wb") as file:

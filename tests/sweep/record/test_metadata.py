@@ -1,4 +1,4 @@
-"""metadata.yaml is held to what it means: what other tools and people make of it is no damage, and is kept."""
+"""metadata.yaml is compared by meaning: changes of format by other tools and people are no damage, and are kept."""
 
 import re
 
@@ -21,14 +21,14 @@ def whats(result):
 
 
 def reordered(text):
-    """Return it as another YAML library would write it, topics and keys in another order."""
+    """Return it as another YAML library writes it, with topics and keys in another order."""
     info = yaml.safe_load(text)
     info[ROOT]["topics_with_message_count"].reverse()
     return yaml.safe_dump(info, sort_keys=True)
 
 
 def of_old(text):
-    """Return it as version 5, of ROS 2 Humble, has it: QoS as a text with numbers, no hashes."""
+    """Return it as version 5, of ROS 2 Humble: QoS as a string with numbers, no hashes."""
     info = yaml.safe_load(text)[ROOT]
     info["version"] = 5
     for topic in info["topics_with_message_count"]:

@@ -1,4 +1,4 @@
-"""Other people's readers open our bags, and the samples are the kernel's, bit for bit."""
+"""Readers of other projects open our bags, and the samples are those of the kernel, bit for bit."""
 
 import json
 import shutil
@@ -29,7 +29,7 @@ NPM = ("@mcap/core", "@foxglove/rosmsg", "@foxglove/rosmsg2-serialization")
 
 @pytest.fixture(scope="module")
 def continued(tmp_path_factory):
-    """A run in two files: the recorder died in between."""
+    """A run in two files: the recorder was killed in between."""
     run = tmp_path_factory.mktemp("continued") / "run"
     everything = list(recording.everything(SWEEP))
     first = recording.session(run, SWEEP)
@@ -57,7 +57,7 @@ def same_as_kernel(found, topic, names):
         values = expected[message.block, message.chunk]
         for name in names:
             given = getattr(message, name)
-            if not isinstance(given, bytes):  # what mcap-ros2-support makes of uint8[]
+            if not isinstance(given, bytes):  # mcap-ros2-support reads uint8[] so
                 given = np.asarray(given, dtype=values[name].dtype).tobytes()
             assert given == values[name].tobytes(), f"{topic}.{name}"
         run = (
@@ -87,7 +87,7 @@ def test_rosbags_reads_every_topic(continued):
 
 @pytest.fixture(scope="module")
 def mended(continued, tmp_path_factory):
-    """The same run with a chunk of its first file damaged, and gone on with: a covered range, and a note on it."""
+    """The same run with a damaged chunk in its first file, and resumed: a covered range, and a record that notes it."""
     run = tmp_path_factory.mktemp("mended") / "run"
     shutil.copytree(continued, run)
     path = bag_files(run / "bag")[0]
@@ -196,7 +196,7 @@ def test_topics_are_known_by_the_end_of_their_name():
 
 @pytest.mark.full
 def test_mcap_core_reads_every_topic(continued, tmp_path):
-    """@mcap/core is the reader behind Foxglove and its like; it runs in Node."""
+    """@mcap/core is the reader of Foxglove and other tools; it runs in Node."""
     node, npm = shutil.which("node"), shutil.which("npm")
     if node is None or npm is None:
         pytest.skip(f"{'node' if node is None else 'npm'} is not installed: @mcap/core was not tried")

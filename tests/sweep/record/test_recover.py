@@ -1,4 +1,4 @@
-"""A bag whose writer was killed: complete chunks are kept, the rest is said."""
+"""A bag whose writer was killed: complete chunks are kept, the rest is reported."""
 
 import json
 import shutil
@@ -228,7 +228,7 @@ def test_a_bag_of_others_that_is_damaged_within_is_said_to_be_and_left(tmp_path)
 @pytest.mark.parametrize("chunked", [True, False])
 @pytest.mark.parametrize("zeros", [False, True])
 def test_files_without_crcs_are_whole_and_torn_ones_are_repaired(tmp_path, compression, chunked, zeros):
-    """rosbag2 writes zeros for CRCs unless told otherwise: MCAP says that there is none then."""
+    """rosbag2 writes zeros for CRCs by default: in MCAP that means that there is no CRC."""
     path = other_bag(tmp_path, compression, use_chunking=chunked, enable_crcs=False)
     scan = Scan(path).run()
     assert (scan.whole, scan.contents.messages) == (True, 50)
@@ -256,7 +256,7 @@ def test_without_crcs_a_damaged_chunk_does_not_hide_those_after_it(tmp_path, com
 
 
 def other_bag(directory, compression, **options):
-    """Leave a bag of another writer, 50 messages; return its file."""
+    """Write a bag of another writer with 50 messages; return its file."""
     path = directory / "bag" / "other_0.mcap"
     path.parent.mkdir()
     with open(path, "wb") as file:

@@ -1,4 +1,4 @@
-"""What may enter the bag of a run, and what is answered."""
+"""Which messages enter the bag of a run, and how they are answered."""
 
 import errno
 import os
@@ -26,7 +26,7 @@ CHUNK = recording.chunks(SWEEP, 1)[2]
 
 
 def stored(run):
-    """Return (topic, bytes) of all that is in the bag but plans and receipts."""
+    """Return (topic, bytes) of all messages in the bag except plans and receipts."""
     return [(m.topic, bytes(m.data)) for m in messages(run / "bag") if m.topic not in ("plan", "receipts")]
 
 
@@ -201,13 +201,13 @@ def test_rubbish_is_counted_whatever_it_is(fuzzed, topic, data):
 
 
 ATTEMPT = 4 + 4 + 17 + 3 + 4 + 17 + 3 + 8
-"""Where the attempt stands: after encapsulation, two strings of 16 characters, block and chunk."""
+"""Offset of the attempt: after encapsulation, two strings of 16 characters, block and chunk."""
 
 PADDING = {*range(25, 28), *range(49, 52), *range(ATTEMPT + 25, ATTEMPT + 32)}
-"""After a string, up to what is aligned: CDR does not say what stands there."""
+"""Padding after a string, up to the next aligned field: CDR leaves its bytes open."""
 
 UNSEALED = {2, 3} | PADDING | {*range(ATTEMPT, ATTEMPT + 4), *range(ATTEMPT + 8, ATTEMPT + 24)}
-"""CDR's options and padding, which readers pass over; attempt and incarnation, which are not of the chunk."""
+"""Options and padding of CDR, which readers ignore; attempt and incarnation, which are not part of the checksum."""
 
 
 @pytest.mark.parametrize("bit", [0, 7])

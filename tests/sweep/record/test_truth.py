@@ -1,4 +1,4 @@
-"""Whatever befalls the files of a run, going on gives the right map, or a refusal whose remedy works."""
+"""Whatever happens to the files of a run, resuming it gives the right map, or a refusal whose remedy works."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ FILES = ("ledger.jsonl", "bag/bag_0.mcap", "bag/bag_1.mcap", "bag/metadata.yaml"
 
 @dataclass(frozen=True)
 class History:
-    """A run that was cut off once, gone on with and finished: all its files after every chunk, and its map."""
+    """A run that was interrupted once, resumed and finished: all its files after every chunk, and its map."""
 
     sweep: object
     states: tuple[Snapshot, ...]
@@ -67,20 +67,20 @@ def history(directory: Path, sweep: object, cut_after: int) -> History:
 
 @pytest.fixture(scope="session")
 def histories(tmp_path_factory: pytest.TempPathFactory) -> dict[str, History]:
-    """What may befall is done to these."""
+    """The files that are changed."""
     folder = tmp_path_factory.mktemp("histories")
     return {"plain": history(folder / "plain", PLAIN, 5), "adaptive": history(folder / "adaptive", ADAPTIVE, 33)}
 
 
 def same_map(one: bytes, other: bytes) -> bool:
-    """Whether two maps are the same, bit for bit, whoever made them."""
+    """Return whether two maps are the same, bit for bit."""
     import io
 
     with np.load(io.BytesIO(one)) as a, np.load(io.BytesIO(other)) as b:
         return a.files == b.files and all(a[name].tobytes() == b[name].tobytes() for name in a.files)
 
 
-# ---- what may befall a file
+# ---- what may happen to a file
 
 
 def spot(content: bytes, place: float) -> int:
@@ -118,8 +118,8 @@ OPERATIONS = (
 )
 
 
-def befall(files: Snapshot, of: History, what: str, name: str, place: float, size: int) -> None:
-    """Do something to the files of a run."""
+def change(files: Snapshot, of: History, what: str, name: str, place: float, size: int) -> None:
+    """Change a file of a run."""
     if what == "bag deleted":
         for each in [each for each in files if each.startswith("bag/")]:
             del files[each]
@@ -137,11 +137,11 @@ def befall(files: Snapshot, of: History, what: str, name: str, place: float, siz
         files[name] = BEFALL[what](files[name], place, size)
 
 
-# ---- going on
+# ---- resuming
 
 
 def gone_on_with(directory: Path, sweep: object, remedies: int = 2) -> list[str]:
-    """Resume a run as `bow sweep --resume` does, by the remedies that refusals print; return what was said."""
+    """Resume a run as `bow sweep --resume` does, with the remedies that refusals print; return all lines."""
     try:
         said: list[str] = []
         if prepare(directory, said.append).complete:
@@ -164,7 +164,7 @@ def gone_on_with(directory: Path, sweep: object, remedies: int = 2) -> list[str]
 
 
 def assert_goes_on(directory: Path, of: History) -> None:
-    """Going on leads to a run that holds and has the map of an undisturbed one; then nothing is left to do."""
+    """Assert that a resumed run is consistent and has the map of an undisturbed one; then nothing is left to do."""
     said = gone_on_with(directory, of.sweep)
     result = verify(directory)
     assert result["ok"], (result["problems"], said)
@@ -173,11 +173,11 @@ def assert_goes_on(directory: Path, of: History) -> None:
     assert prepare(directory, again.append).complete, again
 
 
-def befallen(directory: Path, of: History, state: float, operations: list[tuple[str, str, float, int]]) -> Path:
-    """Leave the files of a run at some moment, with what befell them."""
+def changed_files(directory: Path, of: History, state: float, operations: list[tuple[str, str, float, int]]) -> Path:
+    """Write the files of a run at some moment, and change them."""
     files = dict(of.states[spot(bytes(len(of.states)), state)])
     for operation in operations:
-        befall(files, of, *operation)
+        change(files, of, *operation)
     shutil.rmtree(directory, ignore_errors=True)
     restore(directory, files)
     return directory
@@ -189,7 +189,7 @@ SETTINGS = settings(deadline=None, suppress_health_check=list(HealthCheck))
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("befallen")
+    return tmp_path_factory.mktemp("changed_files")
 
 
 @settings(SETTINGS, max_examples=40)
@@ -206,9 +206,9 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @example(name="plain", state=LAST, ops=[("bag deleted", "bag", 0.0, 0), ("deleted", "ledger.jsonl", 0.0, 0)])
 @example(name="adaptive", state=LAST, ops=[("a range of zeros", "ledger.jsonl", 0.3, 300)])
 @example(name="adaptive", state=0.9, ops=[("older or newer", "bag/bag_0.mcap", 0.2, 0)])
-def test_whatever_befalls_the_files_the_map_is_that_of_an_undisturbed_run(histories, room, name, state, ops) -> None:
+def test_whatever_happens_to_the_files_the_map_is_that_of_an_undisturbed_run(histories, room, name, state, ops) -> None:
     of = histories[name]
-    assert_goes_on(befallen(room / "run", of, state, ops), of)
+    assert_goes_on(changed_files(room / "run", of, state, ops), of)
 
 
 @pytest.mark.full
@@ -218,17 +218,17 @@ def test_whatever_befalls_the_files_the_map_is_that_of_an_undisturbed_run(histor
     state=places | st.just(LAST),
     ops=st.lists(OPERATIONS, min_size=1, max_size=6),
 )
-def test_a_storm_of_it(histories, room, name, state, ops) -> None:
+def test_many_such_changes(histories, room, name, state, ops) -> None:
     of = histories[name]
-    assert_goes_on(befallen(room / "run", of, state, ops), of)
+    assert_goes_on(changed_files(room / "run", of, state, ops), of)
 
 
 def test_this_would_find_a_resume_that_believes_the_ledger(histories, room, monkeypatch) -> None:
-    """The fault that all this is about: a deleted bag, a ledger that says done, and a map with holes."""
+    """The fault that these tests exclude: a deleted bag, a ledger in which blocks are done, and a map with holes."""
     monkeypatch.setattr("bow_sweep.coordinator.resume._differences", lambda *_: [])
     monkeypatch.setattr("bow_sweep.coordinator.resume._results_agree", lambda *_: True)
     of = histories["plain"]
-    directory = befallen(room / "run", of, 0.5, [("deleted", "bag/bag_0.mcap", 0.0, 0)])
+    directory = changed_files(room / "run", of, 0.5, [("deleted", "bag/bag_0.mcap", 0.0, 0)])
     with pytest.raises(AssertionError):
         assert_goes_on(directory, of)
 
@@ -236,18 +236,18 @@ def test_this_would_find_a_resume_that_believes_the_ledger(histories, room, monk
 @pytest.mark.parametrize("state", [0.6, LAST])
 def test_a_run_from_before_blocks_were_receipted_holds_and_is_gone_on_with(histories, room, state) -> None:
     of = histories["plain"]
-    directory = befallen(room / "run", of, state, [])
+    directory = changed_files(room / "run", of, state, [])
     recover(directory)
     for path in bag_files(directory / "bag"):
         as_of_old(path)
     assert verify(directory)["ok"] == (state == LAST)
     assert prepare(directory).complete == (state == LAST)
-    (directory / "map.npz").unlink(missing_ok=True)  # or there is nothing to do
+    (directory / "map.npz").unlink(missing_ok=True)  # otherwise there is nothing to do
     assert_goes_on(directory, of)
 
 
 def as_of_old(path: Path) -> None:
-    """Write a file of a bag as it was before blocks were receipted."""
+    """Write a file of a bag as it was before blocks had receipts."""
     scan = Scan(path)
     messages = list(scan.messages())
     path.unlink()
@@ -267,7 +267,7 @@ def as_of_old(path: Path) -> None:
 def test_a_ledger_that_is_lost_is_made_anew_from_the_bag(histories, room) -> None:
     of = histories["adaptive"]
     for lost in (None, b"", bytes(5000), b"{"):
-        directory = befallen(room / "run", of, 0.8, [("deleted", "ledger.jsonl", 0.0, 0)])
+        directory = changed_files(room / "run", of, 0.8, [("deleted", "ledger.jsonl", 0.0, 0)])
         if lost is not None:
             (directory / "ledger.jsonl").write_bytes(lost)
         said: list[str] = []
@@ -278,7 +278,7 @@ def test_a_ledger_that_is_lost_is_made_anew_from_the_bag(histories, room) -> Non
 
 
 def test_torn_lines_of_the_ledger_are_set_aside_and_never_overwritten(histories, room) -> None:
-    directory = befallen(room / "run", histories["plain"], 0.5, [])
+    directory = changed_files(room / "run", histories["plain"], 0.5, [])
     path = directory / "ledger.jsonl"
     torn = []
     for tail in (bytes(200) + b"\n", b'{"event": "done", "bl', b"rubbish\n"):
@@ -293,7 +293,7 @@ def test_torn_lines_of_the_ledger_are_set_aside_and_never_overwritten(histories,
 def test_ledger_and_bag_of_different_runs_are_refused_and_both_remedies_work(histories, room, tmp_path) -> None:
     of = histories["plain"]
     for remedy in (0, 1):
-        directory = befallen(room / "run", of, 0.5, [])
+        directory = changed_files(room / "run", of, 0.5, [])
         path = directory / "ledger.jsonl"
         path.write_bytes(path.read_bytes().replace(recording.RUN.encode(), b"f" * 16))
         with pytest.raises(RunError, match=f"this is run {'f' * 16}") as refusal:
@@ -305,7 +305,7 @@ def test_ledger_and_bag_of_different_runs_are_refused_and_both_remedies_work(his
 
 
 def test_a_block_that_was_given_up_stays_so_whatever_the_bag_has(histories, room) -> None:
-    directory = befallen(room / "run", histories["plain"], 0.3, [])
+    directory = changed_files(room / "run", histories["plain"], 0.3, [])
     path = directory / "ledger.jsonl"
     path.write_bytes(path.read_bytes() + b'{"event": "quarantined", "block": 2, "why": "poison"}\n')
     gone_on_with(directory, PLAIN)
@@ -314,7 +314,7 @@ def test_a_block_that_was_given_up_stays_so_whatever_the_bag_has(histories, room
 
 
 def test_while_a_recorder_is_at_work_its_bag_is_read_and_not_touched(room) -> None:
-    """Its coordinator was started again: what is whole in the bag is done, what is being written is left to be."""
+    """Its coordinator was restarted: complete blocks in the bag are done, blocks being written stay due."""
     directory = room / "live"
     graph = SmallGraph(directory, PLAIN, cut_after=9)
     graph.session_survives = True
@@ -335,7 +335,7 @@ def test_while_a_recorder_is_at_work_its_bag_is_read_and_not_touched(room) -> No
 
 def test_a_picture_of_another_map_is_drawn_again(histories, room) -> None:
     of = histories["plain"]
-    directory = befallen(room / "run", of, LAST, [])
+    directory = changed_files(room / "run", of, LAST, [])
     other = PIXEL[:-12] + b"\0\0\0\0tEXt" + zlib.crc32(b"tEXt").to_bytes(4, "big") + PIXEL[-12:]
     assert prepare(directory).complete
     for changed in (other, PIXEL[:-1], b""):
@@ -351,7 +351,7 @@ def test_a_bag_that_went_through_another_tool_is_not_touched_by_recover_and_not_
     histories, room, compression
 ) -> None:
     of = histories["plain"]
-    directory = befallen(room / "run", of, LAST, [])
+    directory = changed_files(room / "run", of, LAST, [])
     path = directory / "bag" / "bag_0.mcap"
     rewrite(path, compression)
     content = path.read_bytes()
@@ -365,7 +365,7 @@ def test_a_bag_that_went_through_another_tool_is_not_touched_by_recover_and_not_
 
 
 def rewrite(path: Path, compression: CompressionType) -> None:
-    """Write a file of a bag as other tools do: no CRCs, another library, chunks of another size."""
+    """Write a file of a bag as other tools do: no CRCs, another library, other sizes of chunks."""
     scan = Scan(path)
     messages = list(scan.messages())
     with open(path, "wb") as file:

@@ -1,4 +1,4 @@
-"""`bow verify`: what was recorded is accounted for, and no change to it goes unseen."""
+"""`bow verify`: everything recorded is checked, and every change of it is found."""
 
 import json
 import time
@@ -93,7 +93,7 @@ def test_a_changed_byte_of_the_metadata_is_seen(run):
 
 
 def rewritten(run, keep, renumber):
-    """Write the bag again, all checksums right, with the messages that `keep` wants."""
+    """Write the bag again, with right checksums and the messages that `keep` selects."""
     path = bag_files(run / "bag")[0]
     scan = Scan(path)
     found = list(scan.messages())
@@ -157,7 +157,7 @@ def test_a_message_that_is_doubled_or_moved_is_seen(run):
 
 
 def altered(tmp_path, **changes):
-    """Record the sweep with other fields in the sealed messages of block 1, chunk 2, seals right; return the run."""
+    """Record the sweep with changed fields in the messages of block 1, chunk 2; their checksums are right."""
     run = tmp_path / "altered"
     session = recording.session(run, SWEEP)
     for topic, data in recording.everything(SWEEP):
