@@ -3,14 +3,9 @@
 The names are those of the literature (PHYSICS.md section 9). :mod:`bow_classifier.features` measures what the
 definitions compare; :mod:`bow_classifier.verdict.decision` applies them in their order of precedence.
 
-To add a regime:
-
-1. here a `Definition` at the end of `DEFINITIONS`, a constant with its code, and a rule in :func:`count` if a number
-   belongs to its name;
-2. its rule in :mod:`bow_classifier.verdict.decision`, a new feature in `Features` if the rule needs one;
-3. a row of coefficients in :mod:`bow_classifier.verdict.confidence`, from ``python -m studies.verdicts --fit``, and
-   records of it in ``tests/support/generator.py``;
-4. a colour in ``bow_sweep/view/colours.py``.
+A new regime needs, in this file, a `Definition` at the end of `DEFINITIONS`, a constant with its code, and a rule in
+:func:`count` if a number belongs to its name; then a rule in :mod:`bow_classifier.verdict.decision` and a row of
+coefficients in :mod:`bow_classifier.verdict.confidence`. CONTRIBUTING.md has the whole recipe.
 """
 
 from __future__ import annotations

@@ -267,6 +267,7 @@ def build(version: int) -> Any:
     def advance(start: int, samples: int, string: String, gesture: Gesture, state: State, output: Output) -> int:
         bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r = string
         slipping, totals = state
+        bridge_force, intervals, traces = output
         for group in range(slipping.shape[0]):
             base = group * LANES
             c_t, c_r = load(share_t, base), load(share_r, base)
@@ -276,7 +277,7 @@ def build(version: int) -> Any:
             zero = c_t * 0.0
             total = zero
             before = np.uint64(0)  # as if sticking: a slip that continues is a new interval in this chunk
-            output.intervals.count[base : base + LANES] = 0
+            intervals.count[base : base + LANES] = 0
             at_b, at_n = start % bridge.length, start % nut.length
             at_rb, at_rn = start % torsion_bridge.length, start % torsion_nut.length
             for t0 in range(0, samples, STRIDE):
@@ -312,14 +313,14 @@ def build(version: int) -> Any:
                     store(totals, (u + 1) * LANES, total)
                     states |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
                     waves = (out_b, v_b - s, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
-                    _keep(output.traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
+                    _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
                 row = group * (bridge.length + bridge.guard) + first
-                _write(bridge.ring, row * LANES, steps, output.bridge_force, base, t0)
-                _note(states, before, steps, t0, base, totals, output.intervals)
+                _write(bridge.ring, row * LANES, steps, bridge_force, base, t0)
+                _note(states, before, steps, t0, base, totals, intervals)
                 before = states >> np.uint64(LANES * (steps - 1))
             slipping[group] = bits_of(slips)
             store(totals, 0, total)
-            _close(slipping[group], samples, base, totals, output.intervals)
+            _close(slipping[group], samples, base, totals, intervals)
         return version
 
     return advance

@@ -8,12 +8,8 @@ A law is a named tuple of arrays over lanes. Numba chooses the code of :func:`so
 compiles the kernel, so the kernel's source is the same for every law. A law with internal state, such as a temperature,
 keeps it in an array of its tuple and changes it in `solve`.
 
-To add a law:
-
-1. its name and source in :data:`bow_sim.physics.parameters.FRICTIONS`, its parameters in
-   :class:`~bow_sim.physics.parameters.Parameters`;
-2. here a named tuple of its coefficients and state, an overload of :func:`solve` for it, and an entry in :data:`LAWS`;
-3. the same law in ``tests/support/scalar_string.py``, with which the kernel must agree bit for bit.
+A new law needs, in this file, a named tuple, an overload of :func:`solve` for it and an entry in :data:`LAWS`, and its
+name in :data:`bow_sim.physics.parameters.FRICTIONS`; CONTRIBUTING.md has the whole recipe.
 """
 
 from __future__ import annotations

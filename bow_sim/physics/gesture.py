@@ -4,12 +4,9 @@ Every gesture is ``f_b(t) = f_end + f_step F(t)`` and ``v_b(t) = v_0 + v_1 V(t)`
 each sample. The kernel uses only this form, so it is the same for every gesture. The shapes are computed by
 :func:`math.exp` one sample at a time: exponentials of arrays may round differently at different places of the array.
 
-To add a gesture:
-
-1. its name and source in :data:`bow_sim.physics.parameters.GESTURES`, its parameters in
-   :class:`~bow_sim.physics.parameters.Parameters`;
-2. here its coefficients in :func:`levels` and its shapes in :func:`_shapes`;
-3. the same gesture in ``tests/support/scalar_string.py``, with which the kernel must agree bit for bit.
+A new gesture needs, in this file, its coefficients in :func:`levels` and its shapes in :func:`_shapes`, its name in
+:data:`bow_sim.physics.parameters.GESTURES`, and the same gesture in ``tests/support/scalar_string.py``, with which the
+kernel must agree bit for bit.
 """
 
 from __future__ import annotations

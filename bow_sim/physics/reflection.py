@@ -3,8 +3,8 @@
 A reflection function is a short list of taps at consecutive lags and, in some models, an exponential tail, which needs
 one multiply-add a step instead of a long convolution. All are for velocity waves: a rigid end reflects with -1.
 
-To add a model: its name and source in :data:`bow_sim.physics.parameters.MODELS`, here a function that returns its
-`Ends`, and an entry in :data:`HIERARCHY`.
+A new model needs, in this file, a function that returns its `Ends` and an entry in :data:`HIERARCHY`, and its name in
+:data:`bow_sim.physics.parameters.MODELS`; CONTRIBUTING.md has the whole recipe.
 """
 
 from __future__ import annotations

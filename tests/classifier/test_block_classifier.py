@@ -220,7 +220,7 @@ def test_a_refused_chunk_leaves_the_state_as_it_was():
 
 @pytest.fixture(scope="module")
 def bowed():
-    """A corner of everything: 24 stiff and 24 delta cells over the plane, 24 of bow position x force, 60 periods."""
+    """Cells of several kinds: 24 stiff and 24 delta cells over the plane, 24 of bow position x force, 60 periods."""
     result = []
     plane = np.meshgrid(np.geomspace(0.5, 20, 6), np.linspace(0, 2, 4))
     forces = {"f_asym": plane[0].ravel(), "f_init_ratio": plane[1].ravel()}
@@ -246,7 +246,7 @@ def test_verdicts_on_simulated_strings_agree_with_the_definitions(bowed):
         force = np.concatenate([chunk.bridge_force for chunk in simulated], axis=1).astype(float)
         slipping, speed = np.zeros(force.shape, bool), np.zeros(force.shape)
         for test, chunk in enumerate(simulated):
-            for cell in range(24):  # the sum of an interval on its last sample is as good as its parts
+            for cell in range(24):  # the whole sum of an interval is put on its last sample
                 for k in range(chunk.offsets[cell], chunk.offsets[cell + 1]):
                     onset = test * geometry.samples + int(chunk.onset[k])
                     slipping[cell, onset : onset + int(chunk.duration[k])] = True

@@ -166,7 +166,7 @@ def test_a_duplicate_is_answered_again_with_its_attempt_and_not_judged_again(tru
 
 def test_the_next_chunk_is_taken_from_any_attempt_even_half_of_each(truth):
     classifier = ready()
-    out = feed(classifier, *both(0), (FORCE, message(FORCE, 1)))  # attempt 1 dies here
+    out = feed(classifier, *both(0), (FORCE, message(FORCE, 1)))  # attempt 1 ends here
     out += feed(classifier, *both(0, attempt=2), *both(1, attempt=2), *both(2, attempt=2))
     assert judged(out) == [(0, 0, 1), (0, 0, 2), (0, 1, 2), (0, 2, 2)]
     assert payloads(out).items() <= truth.items()

@@ -1,4 +1,4 @@
-"""The verdicts against truth that nobody asked the classifier for: generated records, and cells labelled by eye."""
+"""The verdicts compared with known regimes: of generated records, and of cells labelled by eye."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_record_drawn_as_a_regime_is_called_by_its_name(drawn, regime):
     assert len(mine) == 50
     assert len(right) >= (
         33 if regime in ("raman_higher", "multiple_slip") else 42
-    )  # some are drawn beyond recognition
+    )  # some have too large imperfections
     found = count(last.regime, last.period, last.slips, last.corners, N, GEOMETRY.bow_bridge / N)
     asked = [i for i in right if records[i].count]
     assert sum(found[i] == records[i].count for i in asked) >= 0.9 * len(asked)
@@ -78,7 +78,7 @@ MILD = Imperfections(jitter=0.3, ripple=0.15, rounding=1.5, noise=0.004, uneven=
 
 
 def cycles_of(make, wanted):
-    """The first cycles drawn whose number is the wanted one."""
+    """Return the first cycles drawn that have the wanted number."""
     drawn = (make(np.random.default_rng(seed)) for seed in range(100))
     return next(cycles for cycles, number in drawn if number == wanted)
 
@@ -93,7 +93,7 @@ PERIODIC = {
 
 @pytest.mark.parametrize("regime", PERIODIC)
 def test_where_the_window_begins_changes_no_name(regime):
-    """But where jitter moves a slip, or a corner lies, across the window's edge: 1 of 200 Helmholtz motions."""
+    """Except where jitter moves a slip or a corner across the border of the window: 1 of 200 Helmholtz motions."""
     records = [render(PERIODIC[regime], MILD, np.random.default_rng(phase)) for phase in range(1000)]
     names = [REGIMES[code] for code in classify(records)[1].regime]
     assert names.count(regime) >= 990
@@ -210,7 +210,7 @@ def test_the_ripples_line_is_that_of_the_spectrum(delay):
     found = measure(np.array([x, noise]), x.size - 695, near=(135, 145), delay=delay)
     assert found.period[0] == pytest.approx(142, abs=0.3)
     assert found.ripple[0] == pytest.approx(power[band].max() / power[1:3].max(), rel=1e-9)
-    assert found.ripple[1] == 0  # without a period there is no line of it
+    assert found.ripple[1] == 0  # without a period it is not computed
 
 
 def test_small_slips_and_clusters_of_corners_are_counted_apart():

@@ -46,10 +46,10 @@ def test_5_3_and_5_5_take_the_same_decisions_until_the_arrow_and_another_there()
     ("one", "other", "sample"),
     [
         ("---ss---ss--", "---ss---ss--", None),
-        ("---ss---ss--", "----ss---ss-", None),  # late is not another decision
+        ("---ss---ss--", "----ss---ss-", None),  # a later slip is no other decision
         ("---ss---ss--", "---ss-------", 8),
         ("---ss-------", "---ss---ss--", 8),
-        ("---ss---ss--", "---ss-----ss", 8),  # so late that it is another slip
+        ("---ss---ss--", "---ss-----ss", 8),  # so much later that it is another slip
         ("------------", "------------", None),
     ],
 )

@@ -1,4 +1,4 @@
-"""The kernel is the plain scalar string, bit for bit, whatever a cell is computed with."""
+"""The kernel agrees with the plain scalar string bit for bit, whatever cells it computes together."""
 
 from __future__ import annotations
 

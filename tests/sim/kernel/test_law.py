@@ -1,4 +1,4 @@
-"""A friction law with a state of its own plugs into the kernel without a change to it."""
+"""A friction law with internal state runs in the kernel, whose source does not change for it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bow_sim.simd.lanes import absolute, load, store
 
 
 class Melting(NamedTuple):
-    """Friction that falls as the contact warms: each step of slip heats, and heat leaks away."""
+    """Friction that falls as the contact warms: each slipping step adds heat, and heat decays."""
 
     a: Any
     limit: Any

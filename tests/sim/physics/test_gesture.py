@@ -57,7 +57,7 @@ def test_a_shape_does_not_depend_on_where_its_table_is_cut(gesture, start, sampl
 
 @given(st.floats(1.0, 1e5), st.integers(0, 20_000))
 def test_a_decay_is_the_exponential_of_the_c_library_at_every_place(tau_f, t):
-    # array exponentials may round differently with the place in the array, and a cell must not notice its place
+    # array exponentials may round differently with the place in the array, but the result must not depend on it
     shape, _ = shapes(P.replace(tau_f=tau_f), t, 9)
     assert shape.tolist() == [math.exp(-(t + i) / tau_f) for i in range(9)]
 

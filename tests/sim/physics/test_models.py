@@ -15,7 +15,7 @@ N = 139
 
 
 def divergence(p, periods=60):
-    """Greatest difference, period by period, of motions that begin 1e-10 apart, and whether they decide alike."""
+    """Greatest difference in each period of motions that begin 1e-10 apart, and whether they slip at the same times."""
     p = p.replace(periods=periods)
     one, other = transient(p), transient(p.replace(f_init_ratio=p.f_init_ratio + 1e-10))
     alike = np.array_equal(one["slipping"], other["slipping"])
@@ -34,7 +34,7 @@ def flyback_width(p):
 @pytest.mark.parametrize("f_asym", [0.6, 1.2])
 def test_motions_of_friedlanders_string_are_unstable_where_the_friction_curve_falls(f_asym):
     growing, alike = divergence(Parameters(model="friedlander", f_asym=f_asym))
-    assert alike  # not by a stick or slip more, but steadily, at the slopes of the curve
+    assert alike  # they slip at the same samples: the difference grows by the slope of the friction curve
     assert growing[-1] > 1e3 * growing[2]
 
 
@@ -58,7 +58,7 @@ def test_waveforms_of_ramans_string_are_piecewise_constant():
     for name in ("v", "friction_force", "bridge_force"):
         steps = waves[name].reshape(-1, 20)
         assert np.all(steps == steps[:, :1]), name
-        assert len(np.unique(steps[:, 0].round(9))) > 20, name  # and yet something happens
+        assert len(np.unique(steps[:, 0].round(9))) > 20, name  # and the motion is not trivial
     rounded = transient(p.replace(model="rounded_corner"))["v"].reshape(-1, 20)
     assert not np.all(rounded == rounded[:, :1])
 
@@ -80,13 +80,13 @@ def test_absorbed_torsion_is_a_linear_shear_of_the_friction_curve():
     w = transient(p)
     f, v_c, slips = w["friction_force"], w["v_centre"], w["slipping"]
     y_r = ends(p).y_r
-    # all the string knows of torsion is v = v_c + Y_R/2 f: it sticks and slips on the curve drawn over v_c + Y_R/2 f
+    # torsion enters only by v = v_c + Y_R/2 f: the string sticks and slips on the curve drawn over v_c + Y_R/2 f
     v = v_c + y_r / 2 * f
     assert w["v"] == pytest.approx(v, abs=1e-12)
     assert slips.any() and not slips.all()
     assert v[~slips] == pytest.approx(1.0, abs=1e-12)
     assert f[slips] == pytest.approx(1.2 * sliding_coefficient(1.0 - v[slips], 0.8, 0.3, 3.0), abs=1e-12)
-    # and what comes back is transverse only
+    # and only transverse waves return
     assert w["v_h"] == pytest.approx(w["v_centre"] - f, abs=1e-12)
 
 

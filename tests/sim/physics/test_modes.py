@@ -54,7 +54,7 @@ def test_an_ideal_string_rings_for_ever_in_exact_harmonics():
     assert m.frequency == pytest.approx(440.0 * m.number, rel=1e-12)
     assert np.all(np.isinf(m.q))
     g = impulse_response(delta(15), delta(124), 2.0, 3 * 139)
-    assert np.array_equal(g[139:278], g[278:])  # the impulse comes round again and again
+    assert np.array_equal(g[139:278], g[278:])  # the impulse returns every period
 
 
 def test_the_discrete_loop_of_the_delta_cremer_model_has_the_q_of_physics_md():
@@ -102,6 +102,6 @@ def test_a_mode_found_as_a_root_is_one_that_decays_at_its_q():
     g = torsional_response(DELTA, 2500)
     w = 2 * np.pi * m.frequency[0] / DELTA.sample_rate
     t = np.arange(len(g))
-    # projected on the first mode, period by period of it: the higher ones are gone after the first thousand samples
+    # projected on the first mode, period by period of it: the higher ones have decayed after a thousand samples
     envelope = [abs(np.sum((g * np.exp(-1j * w * t))[a : a + 579])) for a in (1000, 1579)]
     assert np.log(envelope[0] / envelope[1]) == pytest.approx(w * 579 / (2 * m.q[0]), rel=0.02)

@@ -1,4 +1,4 @@
-"""Reflection functions in files of other people's tools are read, or refused by file and line."""
+"""Files with reflection functions, as other programs write them, are read, or an error names file and line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters are data: they travel as text and come back the same; what cannot be is refused by name."""
+"""Parameters are data: their text reads back to the same ones; an error names a parameter that is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled code is read from where it lies, and written where it can be."""
+"""Compiled code is read from the first directory that has it, and written to the first that can be written."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def twice(x):
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder with a module and nobody's home, in which root too is refused what a user would be."""
+    """A folder with a module, and an environment without a home directory."""
     (tmp_path / "code").mkdir()
     (tmp_path / "code" / "mine.py").write_text(SOURCE)
     for name in ("HOME", "XDG_CACHE_HOME"):
@@ -38,7 +38,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def load(place: Path) -> ModuleType:
-    """The module as another process would have it."""
+    """Import the module anew, as another process would."""
     spec = importlib.util.spec_from_file_location("mine", place / "code" / "mine.py")
     assert spec is not None
     assert spec.loader is not None
@@ -53,7 +53,7 @@ def kept(folder: Path) -> list[Path]:
 
 
 def refuse(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> None:
-    """Let nobody write into these folders, as their modes do for anyone but root."""
+    """Make writing into these folders fail; file modes alone would not stop root."""
     ensure = code_cache._Locator.ensure_cache_path
 
     def refused(self: code_cache._Locator) -> None:
@@ -65,7 +65,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> None:
 
 
 def compiled_anew(place: Path) -> bool:
-    """Call the function in a new module; return whether it was not found compiled."""
+    """Call the function in a newly imported module; return whether it had to be compiled."""
     function = load(place).twice
     assert function(21) == 42
     return not function.stats.cache_hits
