@@ -20,7 +20,7 @@ from doc_pages import PAGES, RUN, SHOWN, blocks, name
 from sybil import Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
-LIMIT_S = 200
+LIMIT_S = 600
 """A block that takes longer hangs."""
 
 PRELUDE = Path(__file__).with_name("small.sh")
