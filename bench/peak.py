@@ -17,7 +17,7 @@ from numba import types
 from numba.core import cgutils
 
 from bench.kernel import CASES, measure_all, pinned
-from bow_sim.kernel.time_loop import SIDES
+from bow_sim.kernel.arguments import SIDES
 from bow_sim.physics.parameters import DTYPES, Parameters
 from bow_sim.physics.reflection import ends
 from bow_sim.simd.jit import intrinsic, njit

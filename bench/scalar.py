@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.kernel.arguments import SIDES
 from bow_sim.kernel.block import Block, ChunkResult
-from bow_sim.kernel.time_loop import SIDES
 from bow_sim.physics import friction, gesture
 from bow_sim.physics.cells import cells
 from bow_sim.physics.parameters import Parameters

@@ -1,7 +1,7 @@
 """Draws the pictures of docs/architecture.md with Graphviz: `make diagrams`, after a change of what they are made from.
 
-docs/diagrams/rooms.dot is written from the table of allowed imports in tests/support/rooms.py; processes.dot is written by
-hand. Each .svg names the SHA-256 of its source, so that a test can tell without Graphviz whether it is up to date.
+docs/diagrams/rooms.dot is written from the table of allowed imports in tests/support/rooms.py; processes.dot is written
+by hand. Each .svg names the SHA-256 of its source, so that a test can tell without Graphviz whether it is up to date.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 block        blocks of cells, computed five periods at a time
 time_loop    the compiled loop over samples
+arguments    its arguments: named tuples of arrays
 fingerprint  which kernel this is: sources, compilers, processor
 precompile   compiles and caches the kernels
 """

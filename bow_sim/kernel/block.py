@@ -1,7 +1,7 @@
-"""Blocks of cells, computed five periods at a time; the face of the compiled time loop.
+"""Blocks of cells, computed five periods at a time; this module calls the compiled time loop.
 
-A cell's result does not depend, in any bit, on which cells it is computed with: every operation
-in the loop is exactly rounded and none is fused or reordered.
+A cell's result does not depend, in any bit, on which cells it is computed with: every operation in the loop is exactly
+rounded, and none is fused or reordered.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.kernel import time_loop
+from bow_sim.kernel.arguments import SIDES, Gesture, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.fingerprint import source_hash
 from bow_sim.physics import friction, gesture
 from bow_sim.physics.cells import Cells, cells
@@ -23,11 +24,10 @@ from bow_sim.simd.lanes import LANES, aligned
 STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
 """Numbers of taps (bridge, nut, torsion at bridge and nut) with a kernel of their own: delta/Cremer and stiff/Cremer.
 
-Everything else shares one kernel that takes any number; it is slower, and compiled once."""
+All other models share one kernel for any number of taps; it is slower, but needs to be compiled only once."""
 
 TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
 """What :func:`transient` returns, in the order of the kernel's traces."""
-
 
 _advance = time_loop.build(int(source_hash()[:15], 16))
 
@@ -63,12 +63,12 @@ class Block:
     Parameters
     ----------
     parameters : Parameters
-        What all cells share.
+        The parameters that all cells share.
     lanes : Mapping[str, array_like], each of shape (cells,)
-        What differs: values by the name of any parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
+        The ones that differ: values by the name of any parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
     trace : bool
-        Keep every waveform of the latest chunk in ``traces``, shape (6, samples, at least cells), as named in
-        :data:`TRACES`, the friction force still times ``y``.
+        Keep every waveform of the latest chunk in ``traces``, shape (6, samples, at least cells), in the order of
+        :data:`TRACES`; the friction force is multiplied by ``y``.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Block:
         Naming the parameter, cell and value that is wrong.
     """
 
-    _kernel = staticmethod(_advance)  # a friction law from outside needs ``loop.build(0)``, which is not cached
+    _kernel = staticmethod(_advance)  # for a friction law of other code: ``time_loop.build(0)``, not cached
 
     def __init__(self, parameters: Parameters, lanes: Mapping[str, ArrayLike], *, trace: bool = False) -> None:
         self.parameters = parameters
@@ -87,7 +87,7 @@ class Block:
         self._dtype = np.dtype(parameters.dtype)
         samples, width = parameters.chunk_samples, self._groups * LANES
 
-        functions = [[getattr(e, side) for e in described.ends] for side in time_loop.SIDES]
+        functions = [[getattr(e, side) for e in described.ends] for side in SIDES]
         self._own_tables = bool({"tau_f", "tau_v", "acceleration"} & described.lanes.keys())
         self._general = (
             trace
@@ -96,18 +96,25 @@ class Block:
             or tuple(len(same[0].taps) for same in functions) not in STANDARD
         )
         make = self._general_side if self._general else self._standard_side
-        self._sides = tuple(make(same) for same in functions)
-        self._law = self._lanes_of(self._make_law(described))
+        y = described.of_ends("y")
+        bridge, nut, torsion_bridge, torsion_nut = (make(same) for same in functions)
+        self._string = String(
+            bridge,
+            nut,
+            torsion_bridge,
+            torsion_nut,
+            law=self._lanes_of(self._make_law(described)),
+            share_t=self._lane(described.of_ends("y_t") / 2 / y),
+            share_r=self._lane(described.of_ends("y_r") / 2 / y),
+        )
         self._levels = self._lanes_of(
             gesture.levels(parameters.gesture, *(described.value(name) for name in ("f_asym", "f_init_ratio", "v_b")))
         )
-        y = described.of_ends("y")
-        self._share_t = self._lane(described.of_ends("y_t") / 2 / y)
-        self._share_r = self._lane(described.of_ends("y_r") / 2 / y)
-        self._slipping = np.zeros(self._groups, np.uint8)
-        self._totals = aligned((time_loop.STRIDE + 1, LANES), self._dtype)
-        most = samples // 2 + 1  # a slip and a stick of one sample each, for ever
-        self._intervals = (
+        self._state = State(
+            slipping=np.zeros(self._groups, np.uint8), totals=aligned((time_loop.STRIDE + 1, LANES), self._dtype)
+        )
+        most = samples // 2 + 1  # if every slip and every stick is one sample long
+        self._intervals = Intervals(
             np.zeros(width, np.int64),
             np.empty((width, most), np.uint32),
             np.empty((width, most), np.uint32),
@@ -121,20 +128,18 @@ class Block:
         Returns
         -------
         ChunkResult
-            Arrays of its own; later calls don't change them.
+            New arrays, which later calls do not change.
         """
         samples = self.parameters.chunk_samples
         start = self.chunk * samples
         force, speed = self._tables(start, samples)
-        shapes = time_loop.Gesture(**self._levels._asdict(), force=force, speed=speed)
+        shapes = Gesture(**self._levels._asdict(), force=force, speed=speed)
         bridge_force = np.empty((self._groups * LANES, samples), np.float32)
-        slipping = np.unpackbits(self._slipping, bitorder="little")[: self._count]
-        self._kernel(
-            start, samples, self._sides, self._law, shapes, self._share_t, self._share_r,
-            self._slipping, self._totals, bridge_force, self._intervals, self.traces,
-        )  # fmt: skip
+        slipping = np.unpackbits(self._state.slipping, bitorder="little")[: self._count]
+        output = Output(bridge_force, self._intervals, self.traces)
+        self._kernel(start, samples, self._string, shapes, self._state, output)
         offsets = np.zeros(self._count + 1, np.uint32)
-        np.cumsum(self._intervals[0][: self._count], out=offsets[1:])
+        np.cumsum(self._intervals.count[: self._count], out=offsets[1:])
         size = int(offsets[-1])
         onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.float64)
         time_loop.collect(self._intervals, offsets, onset, duration, slip)
@@ -146,7 +151,7 @@ class Block:
         return friction.law_of(described)
 
     def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The gesture's shapes in this chunk: (samples,), or each lane's own, (groups, samples, 8)."""
+        """Return the gesture's shapes in this chunk: (samples,), or each lane's own, (groups, samples, 8)."""
         if self._own_tables:
             force, speed = gesture.shapes_of_cells(self._cells, start, samples)
         else:
@@ -154,7 +159,7 @@ class Block:
         return self._table(force), self._table(speed)
 
     def _table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
-        """Lay out shapes for the kernel: those of cells, (cells, samples), as lanes; one that all share as it is."""
+        """Return shapes as the kernel needs them: those of cells, (cells, samples), by lanes; a common one as it is."""
         if shape.ndim == 1:
             return shape.astype(self._dtype)
         table: NDArray[Any] = np.empty((self._groups, shape.shape[1], LANES), self._dtype)
@@ -162,7 +167,7 @@ class Block:
         return table
 
     def _padded(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Repeat the last cell until the lanes are full; what they compute is left out of the results."""
+        """Repeat the last cell until the lanes are full; the results of the repeated cells are left out."""
         missing = self._groups * LANES - len(values)
         return np.concatenate([values, np.repeat(values[-1:], missing, axis=0)]) if missing else values
 
@@ -176,7 +181,7 @@ class Block:
         return type(values)(*(self._lane(x) for x in values))
 
     def _ring(self, last: int, taps: int) -> dict[str, Any]:
-        guard = taps + time_loop.STRIDE - 1  # the rows that a window of eight steps reads
+        guard = taps + time_loop.STRIDE - 1  # rows that eight steps read
         length = max(last, guard)
         return {
             "ring": aligned((self._groups, length + guard, LANES), self._dtype),
@@ -185,15 +190,15 @@ class Block:
             "arrived": aligned((time_loop.STRIDE, LANES), self._dtype),
         }
 
-    def _standard_side(self, same: list[Reflection]) -> time_loop.Side:
+    def _standard_side(self, same: list[Reflection]) -> Side:
         """Make a side whose taps, a tuple, are part of the kernel's type."""
         r = same[0]
         tail = None
         if r.tail:
             one = np.ones(self._count)
             gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
-            tail = time_loop.Tail(gain, pole, state, np.full(self._groups, r.tail_first), None)
-        return time_loop.Side(
+            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None)
+        return Side(
             taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
             last=np.full(self._groups, r.first + len(r.taps) - 1),
             ahead=np.full(self._groups, r.soonest),
@@ -201,18 +206,18 @@ class Block:
             **self._ring(r.last, len(r.taps)),
         )
 
-    def _general_side(self, same: list[Reflection]) -> time_loop.Side:
-        """Make a side with any taps for each cell: each group of eight has a window that holds all of its lags."""
+    def _general_side(self, same: list[Reflection]) -> Side:
+        """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
         taps, last = self._windows([(r.first, r.taps) for r in each])
         tails, tail_last = self._windows([(r.tail_first if r.tail else r.first, (1.0,)) for r in each])
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
-        return time_loop.Side(
+        return Side(
             taps=taps,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
-            tail=time_loop.Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
+            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
             **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
         )
 

@@ -1,4 +1,4 @@
-"""Which kernel this is, told without loading its compiler."""
+"""Which kernel this is: a hash of its sources, with compilers, libraries and processor. Does not import Numba."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 SOURCES = (
     "kernel/block",
+    "kernel/arguments",
     "kernel/time_loop",
     "simd/rows",
     "simd/lanes",
@@ -20,15 +21,16 @@ SOURCES = (
     "physics/gesture",
     "physics/reflection",
     "physics/reflection_text",
+    "physics/number_files",
     "physics/cells",
     "physics/parameters",
 )
-"""The modules of `bow_sim` that decide the numbers."""
+"""The modules of `bow_sim` that decide the waveforms; a test finds one that is missing."""
 
 
 @functools.cache
 def source_hash() -> str:
-    """Hash of the sources that decide the numbers, 16 hex digits."""
+    """Return the hash of the sources that decide the waveforms, 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for name in SOURCES:
         digest.update((Path(__file__).parent.parent / f"{name}.py").read_bytes())
@@ -37,8 +39,8 @@ def source_hash() -> str:
 
 @functools.cache
 def fingerprint() -> str:
-    """What two simulators must share to give the same bytes: sources, compilers, libraries and CPU, one line."""
-    import llvmlite.binding  # as it is large
+    """Return what two simulators must share to compute the same bytes: sources, compilers, libraries, CPU; one line."""
+    import llvmlite.binding  # here because it takes long to import
 
     features = llvmlite.binding.get_host_cpu_features().flatten()
     cpu = f"{llvmlite.binding.get_host_cpu_name()}-{hashlib.sha256(features.encode()).hexdigest()[:8]}"

@@ -1,6 +1,6 @@
-"""Compile and cache the kernels that sweeps and transients use: ``python -m bow_sim.kernel.precompile``.
+"""Compile the kernels that sweeps and transients use, and cache the code: ``python -m bow_sim.kernel.precompile``.
 
-Numba keeps them beside the sources, for every process; a second run only loads them.
+The code is stored beside the sources (:mod:`bow_sim.simd.code_cache`), for all processes; a second run only loads it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
 
 
-def warm(dtype: str) -> None:
-    """Run every kernel of an arithmetic once, and print how long each took.
+def precompile(dtype: str) -> None:
+    """Run every kernel of one floating-point type once, and print how long each took.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def warm(dtype: str) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Warm the kernels of float64, and of float32 where asked."""
+    """Compile the kernels of float64, and with ``--float32`` those of float32."""
     parser = argparse.ArgumentParser(
         prog="python -m bow_sim.kernel.precompile", description="Compile and cache the kernels."
     )
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     print(f"kernel {fingerprint()}", flush=True)
     for dtype in DTYPES if chosen.float32 else DTYPES[:1]:
-        warm(dtype)
+        precompile(dtype)
 
 
 if __name__ == "__main__":

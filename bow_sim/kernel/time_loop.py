@@ -1,99 +1,30 @@
-"""The time loop: eight cells at a time, each exactly as if it were alone.
+"""The time loop: eight cells at a time, each computed exactly as if it were alone.
 
-Compiled code only; :mod:`bow_sim.kernel.block` is its face. One source serves every model: Numba compiles
-it for the types it is given, and the number of taps is part of the type where taps are a tuple.
+This module holds compiled code only; :mod:`bow_sim.kernel.block` calls it. :func:`build` has the mathematics. One
+source serves every model: Numba compiles it for the types that it is given, and where the taps are a tuple, their
+number is part of the type.
 
-A reflection function whose least lag is m can be applied to m future steps at once, since what arrives
-then has already left. So arrivals are computed ahead, up to eight steps, reading each sample once; what is
-left for a step is friction and four sums. The outgoing waves live in rings no longer than the greatest lag
-asks, so that the state of eight cells stays in the first-level cache.
+A reflection function whose least lag is m can be applied to m future steps at once, since what arrives then has already
+left the bow. So arrivals are computed ahead, up to eight steps, and each sample is read once; at each step only
+friction and four sums remain. The outgoing waves are kept in ring buffers no longer than the greatest lag, so that the
+state of eight cells stays in the first-level cache.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import types
 
+from bow_sim.kernel.arguments import Gesture, Output, State, String
 from bow_sim.physics.friction import solve
 from bow_sim.simd.jit import INLINE, njit, overload
 from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, spread, store
 from bow_sim.simd.rows import fir_of, transpose
 
 STRIDE = 64 // LANES
-"""Steps computed between two looks at what happened: their states fill a word, their waves a square to transpose."""
-
-SIDES = ("bridge", "nut", "torsion_bridge", "torsion_nut")
-"""The four ways out of the bow and back, in the order of the kernel's argument."""
-
-
-class Tail(NamedTuple):
-    """Exponential tail of a reflection function: ``z = pole z + gain x[t - first]`` is added to what arrives.
-
-    Parameters
-    ----------
-    gain, pole, state : ndarray, shape (lanes,)
-    last : ndarray, shape (groups,)
-        The lag at which the tail begins; where ``taps`` are given, the lag of the first of them.
-    taps : None, or ndarray, shape (groups, taps, 8)
-        Picks each lane's own lag: one 1 among zeros.
-    """
-
-    gain: Any
-    pole: Any
-    state: Any
-    last: Any
-    taps: Any
-
-
-class Side(NamedTuple):
-    """One way out of the bow and back, for all groups of eight cells.
-
-    Parameters
-    ----------
-    taps : tuple of float, or ndarray, shape (groups, taps, 8)
-        Coefficients, that of the greatest lag first: common to all cells, or each cell's own.
-    last : ndarray, shape (groups,)
-        The greatest lag of the taps, samples.
-    ahead : ndarray, shape (groups,)
-        The least lag: how many steps can be computed at once.
-    tail : Tail or None
-    ring : ndarray, shape (groups, length + guard, 8)
-        Outgoing wave in ``length`` rows, of which the first ``guard`` are repeated at the end, so that no window
-        of rows has to wrap.
-    length, guard : int
-        Rows.
-    arrived : ndarray, shape (8, 8)
-        Incoming wave in the eight steps under way.
-    """
-
-    taps: Any
-    last: Any
-    ahead: Any
-    tail: Any
-    ring: Any
-    length: Any
-    guard: Any
-    arrived: Any
-
-
-class Gesture(NamedTuple):
-    """``f_b(t) = f_end + f_step force(t)`` and ``v_b(t) = v_0 + v_1 speed(t)``; see :mod:`bow_sim.physics.gesture`.
-
-    Parameters
-    ----------
-    f_end, f_step, v_0, v_1 : ndarray, shape (lanes,)
-    force, speed : ndarray, shape (samples,), or each cell's own, (groups, samples, 8)
-    """
-
-    f_end: Any
-    f_step: Any
-    v_0: Any
-    v_1: Any
-    force: Any
-    speed: Any
-
+"""Steps computed together: the states of eight lanes in these steps are the 64 bits of a number."""
 
 _fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
 
@@ -155,12 +86,12 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
 
 @njit(**INLINE)
 def _row(position: Any, length: Any) -> Any:
-    """Wrap a row that may lie before the ring's first."""
+    """Return the row of the ring for a position that may lie before its first row."""
     return position + length if position < 0 else position
 
 
 def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
-    """Return what left the bow when the tail begins: row ``row``, or each lane's own row from there on."""
+    """Return the outgoing wave at the tail's first lag: of row ``row``, or of each lane's own row from there on."""
     raise NotImplementedError
 
 
@@ -204,7 +135,7 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: A
 
 @njit(**INLINE)
 def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
-    """Compute what arrives from step u on, as far as it has left, and return the first step that has to wait."""
+    """Compute what arrives from step u on, as far as it has already left, and return the first step not computed."""
     n = min(side.ahead[group], steps - u)
     start = group * (side.length + side.guard)
     oldest = start + _row(position - side.last[group], side.length)
@@ -215,7 +146,7 @@ def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
 
 @njit(**INLINE)
 def _send(side: Any, group: Any, position: Any, wave: Any) -> Any:
-    """Put a step of an outgoing wave into its ring and return the next row."""
+    """Write a step of an outgoing wave into its ring and return the next row."""
     row = group * (side.length + side.guard) + position
     store(side.ring, row * LANES, wave)
     if position < side.guard:
@@ -237,7 +168,7 @@ def _overload_shape(table: Any, group: Any, t: Any) -> Any:
 
 
 def _keep(traces: Any, i: Any, waves: Any) -> None:
-    """Keep the waveforms of a step, if they are wanted: lanes i ... i + 7 of each trace."""
+    """Write the waveforms of a step, if traces are asked for: lanes i ... i + 7 of each trace."""
     raise NotImplementedError
 
 
@@ -255,10 +186,10 @@ def _overload_keep(traces: Any, i: Any, waves: Any) -> Any:
 
 
 @njit(**INLINE)
-def _note(word: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, intervals: Any) -> None:
-    """Note where slips begin and end within the steps of a word of states, eight lanes a step."""
+def _note(states: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, intervals: Any) -> None:
+    """Note where slips begin and end within some steps; `states` has eight bits a step, one a lane."""
     count, onset, duration, slip = intervals
-    edges = word ^ ((word << np.uint64(LANES)) | before)
+    edges = states ^ ((states << np.uint64(LANES)) | before)
     if steps < STRIDE:
         edges &= (np.uint64(1) << np.uint64(LANES * steps)) - np.uint64(1)
     while edges != np.uint64(0):
@@ -267,7 +198,7 @@ def _note(word: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, i
         u, lane = place // LANES, place % LANES
         cell = base + lane
         k = count[cell]
-        if (word >> np.uint64(place)) & np.uint64(1):
+        if (states >> np.uint64(place)) & np.uint64(1):
             onset[cell, k] = t0 + u
         else:
             duration[cell, k] = t0 + u - onset[cell, k]
@@ -277,7 +208,7 @@ def _note(word: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, i
 
 @njit(**INLINE)
 def _close(slipping: Any, samples: Any, base: Any, totals: Any, intervals: Any) -> None:
-    """Cut the slips that go on at the border of the chunk."""
+    """End the intervals of slips that continue beyond the chunk at its border."""
     count, onset, duration, slip = intervals
     for lane in range(LANES):
         if (slipping >> lane) & 1:
@@ -301,34 +232,41 @@ def _write(ring: Any, i: Any, steps: Any, out: Any, base: Any, t0: Any) -> None:
 
 
 def build(version: int) -> Any:
-    """Make the kernel.
+    """Make the kernel: the compiled function ``advance(start, samples, string, gesture, state, output)``.
+
+    It computes one sample of each cell after another, as section II of the paper says; PHYSICS.md section 2 has the
+    order. With Y_T and Y_R the transverse and torsional admittances and Y = (Y_T + Y_R)/2, a step is::
+
+        in_b = h_b * out_b,  in_n = h_n * out_n,  in_rb = h_rb * out_rb,  in_rn = h_rn * out_rn
+        v_h = in_b + in_n + in_rn + in_rb                                       equations (4), (5) and (7)
+        v = v_h + Y f  and the friction curve  f(v_b - v, f_b)  meet in  v, f   equation (3), Fig 1
+        out_b  = in_n  + Y_T/2 f,    out_n  = in_b  + Y_T/2 f
+        out_rb = in_rn + Y_R/2 f,    out_rn = in_rb + Y_R/2 f
+
+    where ``h * out`` is the convolution of an outgoing wave with a reflection function, f_b and v_b are the gesture's
+    force and speed, and :func:`bow_sim.physics.friction.solve` finds the slip speed ``s = v_b - v`` and whether the
+    string slips. ``out_b`` is the bridge force. In the code, ``push = Y f = v_b - v_h - s``, of which the share
+    Y_T/2Y goes into each transverse wave and Y_R/2Y into each torsional one.
 
     Parameters
     ----------
     version : int
-        Hash of its sources. Numba's cache watches the date of one file only, and this kernel is made of several;
-        but what a closure holds is part of the cache's key, so a cached kernel is never stale. 0 for a kernel that
-        is not cached, with a friction law that other processes may not know.
+        Hash of its sources. Numba's cache watches only the file that defines a function, and this one contains
+        functions of several files; but the values of a closure are part of the cache's key, so a cached kernel is
+        never older than its sources. 0 for a kernel that is not cached, with a friction law that other processes may
+        not know.
+
+    Returns
+    -------
+    function
+        ``advance(start, samples, string, gesture, state, output)``: first sample, number of samples, `String`,
+        `Gesture`, `State` and `Output`; the last two, rings and tails are changed in place.
     """
 
     @njit(nogil=True, cache=version != 0, error_model="numpy", _nrt=False)
-    def advance(
-        start: Any,
-        samples: Any,
-        sides: Any,
-        law: Any,
-        gesture: Any,
-        share_t: Any,
-        share_r: Any,
-        slipping: Any,
-        totals: Any,
-        out: Any,
-        intervals: Any,
-        traces: Any,
-    ) -> Any:
-        # Section 2 of PHYSICS.md; out: (lanes, samples) float32, slipping: (groups,) one bit a lane, totals: (9, 8)
-        # sums of slip speed, the row of a step one below its place; intervals: counts and arrays (lanes, most).
-        bridge, nut, torsion_bridge, torsion_nut = sides
+    def advance(start: int, samples: int, string: String, gesture: Gesture, state: State, output: Output) -> int:
+        bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r = string
+        slipping, totals = state
         for group in range(slipping.shape[0]):
             base = group * LANES
             c_t, c_r = load(share_t, base), load(share_r, base)
@@ -337,15 +275,15 @@ def build(version: int) -> Any:
             slips = mask_of(slipping[group])
             zero = c_t * 0.0
             total = zero
-            before = np.uint64(0)  # as if sticking: a slip that goes on begins anew in this chunk
-            intervals[0][base : base + LANES] = 0
+            before = np.uint64(0)  # as if sticking: a slip that continues is a new interval in this chunk
+            output.intervals.count[base : base + LANES] = 0
             at_b, at_n = start % bridge.length, start % nut.length
             at_rb, at_rn = start % torsion_bridge.length, start % torsion_nut.length
             for t0 in range(0, samples, STRIDE):
                 steps = min(STRIDE, samples - t0)
                 due_b = due_n = due_rb = due_rn = 0
                 first = at_b
-                word = np.uint64(0)
+                states = np.uint64(0)
                 store(totals, 0, total)
                 for u in range(steps):
                     if u == due_b:
@@ -360,7 +298,7 @@ def build(version: int) -> Any:
                     in_rb, in_rn = load(torsion_bridge.arrived, u * LANES), load(torsion_nut.arrived, u * LANES)
                     f_b = f_end + f_step * _shape(gesture.force, group, t0 + u)
                     v_b = v_0 + v_1 * _shape(gesture.speed, group, t0 + u)
-                    v_h = in_b + in_n + in_rn + in_rb  # the latest to be known comes last
+                    v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
                     d = v_b - v_h
                     s, slips = solve(law, base, d, f_b, slips)
                     push = d - s  # Y f
@@ -372,15 +310,16 @@ def build(version: int) -> Any:
                     at_rn = _send(torsion_nut, group, at_rn, in_rb + push_r)
                     total = choose(slips, total + s, 0.0)
                     store(totals, (u + 1) * LANES, total)
-                    word |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
+                    states |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
                     waves = (out_b, v_b - s, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
-                    _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
-                _write(bridge.ring, (group * (bridge.length + bridge.guard) + first) * LANES, steps, out, base, t0)
-                _note(word, before, steps, t0, base, totals, intervals)
-                before = word >> np.uint64(LANES * (steps - 1))
+                    _keep(output.traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
+                row = group * (bridge.length + bridge.guard) + first
+                _write(bridge.ring, row * LANES, steps, output.bridge_force, base, t0)
+                _note(states, before, steps, t0, base, totals, output.intervals)
+                before = states >> np.uint64(LANES * (steps - 1))
             slipping[group] = bits_of(slips)
             store(totals, 0, total)
-            _close(slipping[group], samples, base, totals, intervals)
+            _close(slipping[group], samples, base, totals, output.intervals)
         return version
 
     return advance
@@ -388,11 +327,19 @@ def build(version: int) -> Any:
 
 @njit(nogil=True, cache=True, _nrt=False)
 def collect(intervals: Any, offsets: Any, onset: Any, duration: Any, slip: Any) -> None:
-    """Put the intervals of all cells one after another; arguments as in ``kernel.ChunkResult``."""
-    _, onsets, durations, slips = intervals
+    """Copy the `Intervals` of all cells, one cell after another, into arrays as in `bow_sim.kernel.block.ChunkResult`.
+
+    Parameters
+    ----------
+    intervals : Intervals
+    offsets : ndarray of uint32, shape (cells + 1,)
+        Where the intervals of each cell begin.
+    onset, duration, slip : ndarray, shape (intervals,)
+        Changed in place.
+    """
     for cell in range(offsets.shape[0] - 1):
         start = offsets[cell]
         for k in range(offsets[cell + 1] - start):
-            onset[start + k] = onsets[cell, k]
-            duration[start + k] = durations[cell, k]
-            slip[start + k] = slips[cell, k]
+            onset[start + k] = intervals.onset[cell, k]
+            duration[start + k] = intervals.duration[cell, k]
+            slip[start + k] = intervals.slip[cell, k]

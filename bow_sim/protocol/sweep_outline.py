@@ -171,7 +171,7 @@ class SweepOutline:
                 f"should be of run {self.run_id!r}, sweep {self.sweep_id!r}"
             )
         if seen.block >= self.blocks or seen.chunk >= self.chunks:
-            return f"the sweep has {self.blocks} blocks of {self.chunks} chunks"
+            return f"block {seen.block}, chunk {seen.chunk}: the sweep has {self.blocks} blocks of {self.chunks} chunks"
         return ""
 
     def objection(self, name: str, values: Mapping[str, Any]) -> str:
@@ -186,9 +186,10 @@ class SweepOutline:
         """
         if reason := self.identity_objection(values):
             return reason
-        cells, chunk = self.block(values["block"]), values["chunk"]
+        block, chunk = values["block"], values["chunk"]
+        cells = self.block(block)
         if not np.array_equal(values["cells"], cells):
-            return f"its cells are not the {len(cells)} cells of the block, {cells[0]} ... {cells[-1]}"
+            return f"its cells are not the {len(cells)} cells of block {block}, {cells[0]} ... {cells[-1]}"
         if name == "Verdicts":
             right = self.classifier
             return (
@@ -198,7 +199,7 @@ class SweepOutline:
         if (values["samples"], values["first_sample"]) != (samples, chunk * samples):
             return (
                 f"{values['samples']} samples from sample {values['first_sample']} on, "
-                f"should be {samples} from sample {chunk * samples} on"
+                f"should be {samples} from sample {chunk * samples} on in chunk {chunk}"
             )
         return ""
 
@@ -212,5 +213,5 @@ class SweepOutline:
         """
         values = cdr.unseal(name, data)
         if reason := self.objection(name, values):
-            raise cdr.WireError(f"{name} of block {values['block']}, chunk {values['chunk']}: {reason}")
+            raise cdr.WireError(f"{name}: {reason}")
         return values

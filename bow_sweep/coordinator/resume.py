@@ -21,8 +21,7 @@ from bow_sim.protocol.states import BlockState
 from bow_sweep.maps.map_file import MAP
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.bag_contents import Survey
-from bow_sweep.record.inspection import Identity
+from bow_sweep.record.bag_contents import RunIdentity, Survey
 from bow_sweep.record.recover import repair
 from bow_sweep.run.directory import (
     PICTURE,
@@ -136,7 +135,7 @@ def _prepare(directory: Path, log: Log, locks: bool) -> Prepared:
 def _repaired_bag(directory: Path, reading: Reading, log: Log, locks: bool) -> Survey:
     """Repair the bag and log what was done; if a recorder is writing it, only read it."""
     first = reading.entries[0] if reading.planned else None
-    identity: Identity | None = (first["run_id"], first["sweep_id"]) if first else None
+    identity = RunIdentity(first["run_id"], first["sweep_id"]) if first else None
     bag = directory / FOLDER
     try:
         with locked(directory, "recorder", locks):
@@ -144,8 +143,8 @@ def _repaired_bag(directory: Path, reading: Reading, log: Log, locks: bool) -> S
             _sync(bag)
     except LockedError:  # only the coordinator of this graph was started again
         survey = Survey(bag).read()
-        if identity and survey.said and survey.said != identity:
-            other = f"{bag}: holds run {survey.said[0]}, this is run {identity[0]}"
+        if identity and survey.identity and survey.identity != identity:
+            other = f"{bag}: holds run {survey.identity.run_id}, this is run {identity.run_id}"
             raise RunError(f"{other}. {_remedy(directory, identity)}") from None
         _sync(bag)
         return survey
@@ -181,7 +180,7 @@ def _sync(bag: Path) -> None:
             os.fdatasync(file.fileno())
 
 
-def _remedy(directory: Path, identity: Identity | None) -> str:
+def _remedy(directory: Path, identity: RunIdentity | None) -> str:
     if identity is None:
         return "Then resume it again"
     return (
@@ -337,7 +336,7 @@ def _results_agree(directory: Path, survey: Survey, log: Log) -> bool:
     lost = [name for name in (MAP, REPORT, PICTURE) if not (directory / name).is_file()]
     problems = [f"{name}: is not there" for name in lost]
     if not problems:
-        result = account(survey, directory, judge=False)
+        result = account(survey, directory, classify=False)
         problems = [f"{problem.get('file', FOLDER)}: {problem['what']}" for problem in result["problems"]]
     if not problems and not _is_picture_of_report(directory):
         problems = [f"{PICTURE}: is damaged, or of another map"]

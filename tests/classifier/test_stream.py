@@ -210,10 +210,10 @@ RUBBISH = {
     "another sweep": (message(SLIP, 0, sweep_id="other"), "sweep 'other'"),
     "no such block": (message(SLIP, 0, block=2, content=BLOCKS[0][0], cells=[0, 1]), "2 blocks of 5 chunks"),
     "no such chunk": (message(SLIP, CHUNKS, content=BLOCKS[0][0]), "2 blocks of 5 chunks"),
-    "other cells": (message(SLIP, 0, cells=[1, 0]), "not those of the block"),
-    "cells of another block": (message(SLIP, 0, block=1, content=BLOCKS[0][0], cells=[0, 1]), "not those of the block"),
-    "another first sample": (message(SLIP, 0, first_sample=695), "695 samples from 695 on"),
-    "other samples": (message(SLIP, 0, samples=696), "696 samples from 0 on"),
+    "other cells": (message(SLIP, 0, cells=[1, 0]), "its cells are not the"),
+    "cells of another block": (message(SLIP, 0, block=1, content=BLOCKS[0][0], cells=[0, 1]), "its cells are not the"),
+    "another first sample": (message(SLIP, 0, first_sample=695), "695 samples from sample 695 on"),
+    "other samples": (message(SLIP, 0, samples=696), "696 samples from sample 0 on"),
     "a string that already slips": (message(SLIP, 0, slipping=[1, 1]), "sticks at the end of the chunk before"),
 }
 

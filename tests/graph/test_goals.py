@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,11 +22,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, WAVES, RCLError
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, STREAM_WRITER
 from bow_sim.protocol import cdr
-from bow_sim.protocol.neighbours import DEAF_S
-from bow_sweep.plan.sweep import Sweep
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
@@ -143,7 +139,8 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
     kinds = {"bridge_force": BridgeForce, "stick_slip": StickSlip, "verdicts": Verdicts, "receipts": Receipt}
     latched = {"plan": Plan, "health": Health, "basin_map": BasinMap}
     publishers = [
-        node.create_publisher(kind, topic, WAVES if kind is BridgeForce else STREAM) for topic, kind in kinds.items()
+        node.create_publisher(kind, topic, STREAM_WRITER if kind is BridgeForce else STREAM)
+        for topic, kind in kinds.items()
     ]
     latched_ones = [node.create_publisher(kind, topic, LATCHED) for topic, kind in latched.items()]
     latched_ones.append(node.create_publisher(BridgeForce, "inspect", INSPECT))
@@ -165,85 +162,9 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
             publisher.publish(cdr.ENCAPSULATION + b"\xff\xff\xff\x7f" * 20)
 
 
-@pytest.fixture
-def simulator(ros_domain: int) -> Iterator[object]:
-    """A simulator node in this process that is ready for a run."""
-    from bow_sim.node import SimulatorNode
-
-    rclpy.init()
-    node = SimulatorNode()
-    node._run = ("run", Sweep.from_spec("fig11d", SETTINGS).sweep_id)
-    node.health.state = Health.READY
-    yield node
-    node.close()
-    node.destroy_node()
-    rclpy.shutdown()
-
-
-def test_a_simulator_refuses_invalid_blocks(simulator: object) -> None:
-    sweep = Sweep.from_spec("fig11d", SETTINGS)
-    cells = sweep.block(3)
-    lanes = sweep.lanes(cells)
-
-    def objection(**changes: object) -> str:
-        message = {
-            "run_id": "run",
-            "sweep_id": sweep.sweep_id,
-            "epoch": 1,
-            "fingerprint": fingerprint(),
-            "spec.settings": list(sweep.settings()),
-            "block": 3,
-            "attempt": 1,
-            "cells": cells,
-            "x": lanes["f_asym"],
-            "y": lanes["f_init_ratio"],
-            **changes,
-        }
-        try:
-            simulator._accept(message)  # type: ignore[attr-defined]
-        except ValueError as error:
-            return str(error)
-        return ""
-
-    assert objection() == ""
-    assert "array lengths" in objection(x=lanes["f_asym"][:-1])
-    assert "array lengths" in objection(cells=[], x=[], y=[])
-    assert "f_asym" in objection(x=-lanes["f_asym"])
-    assert "f_asym" in objection(x=np.full(8, np.nan))
-    assert "f_init_ratio" in objection(y=np.full(8, np.inf))
-    assert "cells" in objection(cells=cells + 128)
-    assert "cells" in objection(cells=np.zeros(8, np.uint32))
-    assert "kernel" in objection(fingerprint="another")
-    assert "is not the open one" in objection(run_id="another")
-    assert "is not the open one" in objection(sweep_id="another")
-    assert "v_mid" in objection(**{"spec.settings": [*sweep.settings(), "v_mid=1"]})
-    assert "nonsense" in objection(**{"spec.settings": ["nonsense"]})
-    simulator._epoch = 2  # type: ignore[attr-defined]
-    assert "epoch 1 is over" in objection()
-    simulator.health.state = Health.STARTING  # type: ignore[attr-defined]
-    assert "not ready" in objection(epoch=2)
-
-
-def test_publishers_that_stay_broken_are_made_anew(simulator: Any) -> None:
-    class Broken:
-        def publish(self, _: bytes) -> None:
-            raise RCLError("cannot publish data")
-
-    hello = [cdr.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
-    simulator._streams = [Broken(), Broken()]
-    simulator._publish(hello)
-    simulator._look()
-    assert isinstance(simulator._streams[0], Broken)  # it may be for a moment
-    simulator._opened -= 2 * DEAF_S
-    simulator._look()
-    assert [publisher.topic_name for publisher in simulator._streams] == ["/bow/bridge_force", "/bow/stick_slip"]
-    simulator._publish(hello)
-    assert not simulator._fails
-
-
 def test_the_parameter_file_names_what_the_nodes_declare() -> None:
     text = {path: path.read_text() for room in ("bow_sim", "bow_sweep") for path in (ROOT / room).rglob("*.py")}
-    declaring = "".join(content for content in text.values() if "declare_parameter" in content)
+    declaring = "".join(content for content in text.values() if "(BowNode)" in content)
     for node in yaml.safe_load((ROOT / "config" / "nodes.yaml").read_text()).values():
         for name in node["ros__parameters"]:
             assert f'"{name}"' in declaring, name

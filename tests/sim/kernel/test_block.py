@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scalar_string import intervals, simulate
+from sources import made_of
 
 from bow_sim.kernel.block import TRACES, Block, transient
 from bow_sim.kernel.fingerprint import SOURCES, fingerprint, source_hash
@@ -252,11 +253,24 @@ def test_cells_that_cannot_be_are_refused_by_parameter_place_and_value(lanes, wh
         Block(Parameters(), lanes)
 
 
+NO_SOURCES = {
+    "bow_sim.kernel.fingerprint",  # lists them
+    "bow_sim.simd.code_cache",  # stores the code
+    "bow_sim.physics.errors",
+}
+"""Modules that the kernel imports and that decide no waveform."""
+
+
 def test_the_fingerprint_names_what_decides_the_numbers():
     assert len(source_hash()) == 16 and int(source_hash(), 16) >= 0
     for part in (f"source-{source_hash()}", "numba-", "llvmlite-", "numpy-"):
         assert part in fingerprint()
-    assert {"kernel/block", "kernel/time_loop", "physics/friction", "physics/parameters"} <= set(SOURCES)
+
+
+def test_the_sources_are_all_modules_that_the_waveforms_are_made_of():
+    modules = made_of("bow_sim.kernel.block").keys()
+    assert modules > NO_SOURCES
+    assert {"bow_sim." + name.replace("/", ".") for name in SOURCES} == modules - NO_SOURCES
 
 
 CHILD = """

@@ -5,6 +5,7 @@ import pytest
 from example_maps import HELMHOLTZ, SLIP, map_file
 from PIL import Image
 
+from bow_sim.figures.page import FigureError
 from bow_sweep.figures import layout, maps
 from bow_sweep.figures.colours import BLACK, GREY, REGIME_COLOURS, transient_colours
 from bow_sweep.figures.maps import draw_map, draw_maps, draw_tests
@@ -80,7 +81,7 @@ def test_the_suffix_chooses_the_kind_and_the_same_map_gives_the_same_bytes(tmp_p
 
 @pytest.mark.parametrize("name", ["map.gif", "map"])
 def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name):
-    with pytest.raises(MapFileError, match=r"should be \.png, \.svg, \.pdf"):
+    with pytest.raises(FigureError, match=r"should end in \.png, \.svg, \.pdf"):
         draw_map(map_file(), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 

@@ -1,0 +1,150 @@
+"""The arguments of the time loop, as named tuples of arrays.
+
+Cells are computed in groups of eight lanes, so *groups* is the number of cells over eight, rounded up, and *lanes* is
+eight times that; an array of shape (lanes,) holds a number for each cell. Numba compiles the time loop for the types of
+the fields: for a field that is None, it compiles a kernel without that part.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+SIDES = ("bridge", "nut", "torsion_bridge", "torsion_nut")
+"""The four sides of the bow, as in `String`."""
+
+
+class Tail(NamedTuple):
+    """Exponential tail of a reflection function: ``z = pole z + gain x[t - last]`` is added to what arrives.
+
+    Parameters
+    ----------
+    gain, pole, state : ndarray, shape (lanes,)
+    last : ndarray, shape (groups,)
+        The lag at which the tail begins, samples; with ``taps``, the lag of the first of them.
+    taps : None, or ndarray, shape (groups, taps, 8)
+        Selects each lane's own lag: 1 at that lag, 0 at the others.
+    """
+
+    gain: Any
+    pole: Any
+    state: Any
+    last: Any
+    taps: Any
+
+
+class Side(NamedTuple):
+    """One side of the bow: outgoing wave, reflection function and incoming wave, for all groups of eight cells.
+
+    Parameters
+    ----------
+    taps : tuple of float, or ndarray, shape (groups, taps, 8)
+        Coefficients, that of the greatest lag first: common to all cells, or each cell's own.
+    last : ndarray, shape (groups,)
+        The greatest lag of the taps, samples.
+    ahead : ndarray, shape (groups,)
+        The least lag, samples: how many steps can be computed at once.
+    tail : Tail or None
+    ring : ndarray, shape (groups, length + guard, 8)
+        Outgoing wave, a ring buffer of ``length`` rows. The first ``guard`` rows are repeated at the end, so that any
+        window of rows is contiguous.
+    length, guard : int
+        Rows.
+    arrived : ndarray, shape (8, 8)
+        Incoming wave in the current eight steps.
+    """
+
+    taps: Any
+    last: Any
+    ahead: Any
+    tail: Any
+    ring: Any
+    length: Any
+    guard: Any
+    arrived: Any
+
+
+class Gesture(NamedTuple):
+    """``f_b(t) = f_end + f_step force(t)`` and ``v_b(t) = v_0 + v_1 speed(t)``; see :mod:`bow_sim.physics.gesture`.
+
+    Parameters
+    ----------
+    f_end, f_step, v_0, v_1 : ndarray, shape (lanes,)
+    force, speed : ndarray, shape (samples,), or each cell's own, (groups, samples, 8)
+    """
+
+    f_end: Any
+    f_step: Any
+    v_0: Any
+    v_1: Any
+    force: Any
+    speed: Any
+
+
+class String(NamedTuple):
+    """The string at the bow, for all groups of eight cells.
+
+    Parameters
+    ----------
+    bridge, nut, torsion_bridge, torsion_nut : Side
+    law : NamedTuple of ndarray, shape (lanes,)
+        Friction law, see :mod:`bow_sim.physics.friction`.
+    share_t, share_r : ndarray, shape (lanes,)
+        ``Y_T/2Y`` and ``Y_R/2Y``.
+    """
+
+    bridge: Any
+    nut: Any
+    torsion_bridge: Any
+    torsion_nut: Any
+    law: Any
+    share_t: Any
+    share_r: Any
+
+
+class State(NamedTuple):
+    """What a chunk leaves to the next, beside the rings and tails of the sides.
+
+    Parameters
+    ----------
+    slipping : ndarray of uint8, shape (groups,)
+        After the latest step, one bit a lane.
+    totals : ndarray, shape (9, 8)
+        Workspace: sums of the slip speed before each of eight steps, and after them.
+    """
+
+    slipping: Any
+    totals: Any
+
+
+class Intervals(NamedTuple):
+    """The slip intervals of a chunk, each lane's in an own row; `most` is as many as a chunk can have.
+
+    Parameters
+    ----------
+    count : ndarray of int64, shape (lanes,)
+    onset, duration : ndarray of uint32, shape (lanes, most)
+        Samples.
+    slip : ndarray of float64, shape (lanes, most)
+        Sum of the slip speed, samples times bow speed.
+    """
+
+    count: Any
+    onset: Any
+    duration: Any
+    slip: Any
+
+
+class Output(NamedTuple):
+    """Where a chunk is written.
+
+    Parameters
+    ----------
+    bridge_force : ndarray of float32, shape (lanes, samples)
+    intervals : Intervals
+    traces : None, or ndarray, shape (waveforms, samples, lanes)
+        See :data:`bow_sim.kernel.block.TRACES`.
+    """
+
+    bridge_force: Any
+    intervals: Any
+    traces: Any
