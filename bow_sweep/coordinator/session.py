@@ -28,7 +28,6 @@ from bow_sweep.coordinator.consumers import Consumers
 from bow_sweep.coordinator.results import basin_of
 from bow_sweep.coordinator.session_events import (
     AnswerGoal,
-    Become,
     CancelRequested,
     Event,
     GoalAccepted,
@@ -42,6 +41,7 @@ from bow_sweep.coordinator.session_events import (
     ResultsWritten,
     RunEnded,
     RunGiven,
+    SetState,
     TimePassed,
     VerdictsReceived,
     WriteResults,
@@ -165,7 +165,7 @@ class CoordinatorSession:
             run = self._create_run(Sweep.from_spec(event.preset, event.settings))
         except (ParameterError, RunError) as error:
             self._log("error", f"goal refused: {error}")
-            self._become(self._state, f"goal refused: {error}")
+            self._set_state(self._state, f"goal refused: {error}")
             self._out.append(AnswerGoal(event.goal, {"message": str(error)}))
             return
         self._begin(run, None, event.goal)
@@ -173,7 +173,7 @@ class CoordinatorSession:
     def _begin(self, run: Run, layers: Mapping[str, np.ndarray] | None, goal: bytes | None = None) -> None:
         active = self._active = ActiveRun(run, basin_of(layers or {}, run.sweep), self._wall_clock(), goal)
         self._pool.begin()
-        self._become(NodeState.STARTING, "a sweep opens", run.run_id)
+        self._set_state(NodeState.STARTING, "a sweep opens", run.run_id)
         if run.ledger.finished:  # stopped after its last block, before its report or the next round
             self._next_round_or_close(active)
         else:
@@ -194,7 +194,7 @@ class CoordinatorSession:
         active.closed_at = self._now
         self._publish_map(active)
         self._publish_plan(active)
-        self._become(NodeState.BUSY, "drawing the map, while the bag is closed")
+        self._set_state(NodeState.BUSY, "drawing the map, while the bag is closed")
         self._out.append(WriteResults(active.run, active.basin))
 
     def _take_results(self, results: ResultsWritten, problem: str) -> None:
@@ -203,8 +203,8 @@ class CoordinatorSession:
         self._active.results = results
         if problem:
             self._log("error", f"not drawn: {problem}")
-            self._become(NodeState.BUSY, f"not drawn: {problem}")
-        self._become(NodeState.BUSY, "waiting for the bag to close")
+            self._set_state(NodeState.BUSY, f"not drawn: {problem}")
+        self._set_state(NodeState.BUSY, "waiting for the bag to close")
 
     def _finish_when_closed(self, active: ActiveRun) -> None:
         """Finish once the bag is closed and no dashboard is drawing, or they have had their time."""
@@ -216,7 +216,7 @@ class CoordinatorSession:
             self._finish(active, active.results)
         elif missing == "dashboard" and waited > DRAW_REPORT_S:
             what = f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most"
-            self._become(NodeState.BUSY, what)
+            self._set_state(NodeState.BUSY, what)
 
     def _finish(self, active: ActiveRun, results: ResultsWritten) -> None:
         """Write the report, answer the goal and get ready for the next one."""
@@ -227,7 +227,7 @@ class CoordinatorSession:
         self._log("info", f"run {run_id}: {result['message']} in {now - active.began:.1f} s")
         active.run.close()
         self._active = None
-        self._become(NodeState.READY, f"finished run {run_id}: {result['message']}", "")
+        self._set_state(NodeState.READY, f"finished run {run_id}: {result['message']}", "")
         self._out.append(RunEnded())
 
     # ---- what arrives
@@ -344,9 +344,9 @@ class CoordinatorSession:
         if not missing and not self._neighbours.of_role("simulator", self._now):
             missing = ["no simulator is heard"]
         if missing:
-            self._become(NodeState.STARTING, f"waiting in {self._namespace}: {', '.join(missing)}")
+            self._set_state(NodeState.STARTING, f"waiting in {self._namespace}: {', '.join(missing)}")
         elif self._state == NodeState.STARTING:
-            self._become(NodeState.BUSY)
+            self._set_state(NodeState.BUSY)
 
     def _say_hello(self, run: Run) -> None:
         """Send simulators a Block without cells, so that they can report that blocks arrive; at first more often."""
@@ -372,9 +372,9 @@ class CoordinatorSession:
         if values is not None:
             self._out.append(PublishMap(values))
 
-    def _become(self, state: int, detail: str = "", run_id: str | None = None) -> None:
+    def _set_state(self, state: int, detail: str = "", run_id: str | None = None) -> None:
         self._state = state
-        self._out.append(Become(state, detail, run_id))
+        self._out.append(SetState(state, detail, run_id))
 
     def _log(self, severity: Literal["info", "warning", "error"], text: str) -> None:
         self._out.append(Log(severity, text))

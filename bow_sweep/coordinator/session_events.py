@@ -128,7 +128,7 @@ class AnswerGoal:
 
 
 @dataclass(frozen=True)
-class Become:
+class SetState:
     """Change the state in this node's heartbeat, see NodeState; `run_id` None leaves that as it is."""
 
     state: int
@@ -157,4 +157,4 @@ class RunEnded:
     """The run is finished: its report is written and its directory released."""
 
 
-Instruction = Publish | PublishMap | PublishFeedback | AnswerGoal | Become | Log | WriteResults | RunEnded
+Instruction = Publish | PublishMap | PublishFeedback | AnswerGoal | SetState | Log | WriteResults | RunEnded

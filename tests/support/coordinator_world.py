@@ -19,7 +19,6 @@ from bow_sweep.coordinator.closing import CLOSE_S
 from bow_sweep.coordinator.session import CoordinatorSession
 from bow_sweep.coordinator.session_events import (
     AnswerGoal,
-    Become,
     Event,
     HealthReceived,
     Instruction,
@@ -28,6 +27,7 @@ from bow_sweep.coordinator.session_events import (
     PublishMap,
     ResultsWritten,
     RunEnded,
+    SetState,
     WriteResults,
 )
 from bow_sweep.plan.sweep import Sweep
@@ -174,7 +174,7 @@ class World:
                 self.to_write = instruction
                 if not self.slow_results:
                     self.write()
-            case Become(_, _, run_id):
+            case SetState(_, _, run_id):
                 assert run_id in (None, "", self.session.run and self.session.run.run_id)
             case RunEnded():
                 assert self.written

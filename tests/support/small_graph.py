@@ -1,4 +1,4 @@
-"""A whole sweep in this process, without DDS: real ledger, recorder and classifier, simulators from a table.
+"""A whole sweep in this process, without DDS: real coordinator, recorder and classifier, simulator from a table.
 
 It writes the files that `bow sweep` writes, can be interrupted after any chunk, and resumed. A snapshot of its files is
 what a copy made at that moment would contain.
@@ -6,39 +6,41 @@ what a copy made at that moment would contain.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import recording
+from coordinator_world import Node
 
 from bow_classifier.stream import Classifier
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
-from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
-from bow_sweep.coordinator.results import basin_of, map_of, playability_of
+from bow_sim.protocol.neighbours import Neighbours
+from bow_sim.protocol.states import NodeState, PlanState
+from bow_sweep.coordinator.results import map_of, playability_of
 from bow_sweep.coordinator.resume import resume
-from bow_sweep.maps.basin_map import Basin
+from bow_sweep.coordinator.session import CoordinatorSession
+from bow_sweep.coordinator.session_events import (
+    Event,
+    HealthReceived,
+    Publish,
+    ReceiptReceived,
+    ResultsWritten,
+    RunGiven,
+    VerdictsReceived,
+    WriteResults,
+)
 from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.session import Session
 from bow_sweep.run.directory import PICTURE, Run
-from bow_sweep.run.ledger import (
-    Dispatch,
-    Event,
-    Finished,
-    Grown,
-    Judged,
-    OnDisk,
-    Receipted,
-    Record,
-    SimulatorReady,
-    State,
-)
+from bow_sweep.run.ledger import State
 
-STATES = {State.DONE: BlockState.DONE, State.QUARANTINED: BlockState.QUARANTINED}
+COORDINATOR = "c" * 16
+
 Snapshot = dict[str, bytes]
 """Path in the run directory -> content."""
 
@@ -58,10 +60,14 @@ class SmallGraph:
 
     Parameters
     ----------
+    again
+        Resume the run that is there.
     cut_after
         Chunks after which all processes are killed; None: never.
     on_chunk
         Called after each chunk that was committed.
+    sync
+        Sync the bag to the disk as the recorder does.
     """
 
     def __init__(
@@ -75,116 +81,98 @@ class SmallGraph:
     ) -> None:
         self.directory, self.sweep, self.cut_after, self.on_chunk = directory, sweep, cut_after, on_chunk
         self.log: list[str] = []
-        self.basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
-        if again:
-            self.of, recorded = resume(directory, self.log.append)
-            if recorded is not None:
-                self.basin = basin_of(recorded, sweep)
-        else:
-            self.of = Run.create(directory, recording.RUN, sweep)
+        create = lambda sweep: Run.create(directory, recording.RUN, sweep)
+        self.given = RunGiven(*resume(directory, self.log.append)) if again else RunGiven(create(sweep))
+        self.seconds = itertools.count()
+        self.neighbours = Neighbours(COORDINATOR, "here")
+        self.coordinator = CoordinatorSession(
+            COORDINATOR, "here", "/bow", self.neighbours, create, lambda: float(next(self.seconds))
+        )
         self.session: Session | None = None
         self.session_survives = False
         self.sync = sync
-        self.classifier = Classifier("c" * 16)
-        self.out: list[Dispatch] = []
+        self.classifier = Classifier("d" * 16)
+        roles = ("recorder", "classifier", "simulator")
+        self.nodes = {
+            role: Node(role, f"/bow/{role}", f"a{pid:015}", pid, NodeState.READY, self.given.run.run_id)
+            for pid, role in enumerate(roles)
+        }
+        self.closed = False
 
     def run(self) -> None:
         """Run the sweep to its end, or to the interruption."""
-        ledger = self.of.ledger
         try:
-            if ledger.finished and not self._next_round():
-                self._conclude()
-                return
-            self._announce(PlanState.OPEN)
-            self._handle(SimulatorReady("s"))
-            while not ledger.finished:
-                dispatch = self.out.pop(0)
-                self._compute(dispatch.block, dispatch.attempt)
-                self._handle(Finished("s", dispatch.block, dispatch.attempt))
-                if ledger.finished:
-                    self._next_round()
-            self._conclude()
+            self._handle(self.given)
+            while (run := self.coordinator.run) is not None:
+                if self.closed:
+                    assert self.session is not None
+                    self.session.close(time.time_ns())
+                    self.nodes["recorder"].state = NodeState.CLOSED
+                held = self.nodes["simulator"].held
+                reported = held[:1]
+                self._beat()
+                for block, attempt in reported:
+                    self._compute(run, block, attempt)
+                    del held[0]
         except Cut:
             assert self.session is not None
             if not self.session_survives:
                 self.session.abandon()
         finally:
-            self.of.close()
+            self.coordinator.close()
 
-    def _next_round(self) -> bool:
-        if not self.of.next_round(self.basin):
-            return False
-        self._announce(PlanState.OPEN)
-        self._handle(Grown(self.of.blocks.count))
-        return True
+    def _beat(self) -> None:
+        for node in self.nodes.values():
+            message = node.health(COORDINATOR)
+            self._handle(HealthReceived(message, self.neighbours.take(message, 0.0)))
 
-    def _announce(self, state: int) -> None:
-        run = self.of
-        data = recording.plan(
-            self.sweep,
-            state,
-            run.ledger.epoch,
-            np.array([STATES.get(block.state, 0) for block in run.ledger.blocks], np.uint8),
-            run.run_id,
-            run.blocks.announce(),
-        )
+    def _handle(self, event: Event) -> None:
+        for instruction in self.coordinator.handle(event, 0.0):
+            match instruction:
+                case Publish("plan", data):
+                    self._take_plan(data)
+                case Publish("blocks", data):
+                    block = cdr.decode("Block", data)
+                    self.nodes["simulator"].held.append((block["block"], block["attempt"]))
+                case WriteResults(run, basin):
+                    write_map_npz(self.directory / MAP, map_of(run, basin))
+                    (self.directory / PICTURE).write_bytes(PIXEL)
+                    self._handle(ResultsWritten(playability_of(run, basin)))
+
+    def _take_plan(self, data: bytes) -> None:
         plan = cdr.decode("Plan", data)
         if self.session is None:
             options: dict[str, Any] = {"sync": self.sync}
-            names = recording.NAMES
-            self.session = Session(self.directory, plan, data, names, "7" * 16, time.time_ns(), **options)
+            self.session = Session(self.directory, plan, data, recording.NAMES, "7" * 16, time.time_ns(), **options)
         else:
             self.session.plan(plan, data, time.time_ns())
         self.classifier.plan(data)
+        self.closed = plan["state"] == PlanState.CLOSED
 
-    def _compute(self, block: int, attempt: int) -> None:
+    def _compute(self, run: Run, block: int, attempt: int) -> None:
         assert self.session is not None
-        for force, slip in streams(self.sweep, block, self.of.blocks, self.of.run_id):
+        for force, slip in streams(self.sweep, block, run.blocks, run.run_id):
             for topic, name, data in (("bridge_force", "BridgeForce", force), ("stick_slip", "StickSlip", slip)):
                 message = with_attempt(name, data, attempt)
                 self.session.take(topic, message, time.time_ns())
                 for verdicts in self.classifier.take(name, message):
                     self.session.take("verdicts", verdicts, time.time_ns())
-                    values = cdr.unseal("Verdicts", verdicts)
-                    self.basin.take(values["chunk"], values["cells"], values)
-                    judged = Judged(block, values["chunk"], values["chunk_checksum"], values["checksum"])
-                    self._handle(judged)
+                    self._handle(VerdictsReceived(verdicts))
             self._commit()
             self.on_chunk()
             if self.cut_after is not None:
                 self.cut_after -= 1
                 if self.cut_after < 0:
                     raise Cut
-        while self.sync and self.of.ledger.blocks[block].state is State.DISPATCHED:
+        while self.sync and run.ledger.blocks[block].state is State.DISPATCHED:
             time.sleep(0.005)
             self._commit()
 
     def _commit(self) -> None:
         assert self.session is not None
         data = self.session.commit(time.time_ns())
-        if data is None:
-            return
-        receipt = cdr.decode("Receipt", data)
-        for kind, block, chunk, checksum in zip(
-            *(receipt[name].tolist() for name in ("kind", "block", "chunk", "checksum")), strict=True
-        ):
-            if kind == ReceiptKind.BLOCK:
-                self._handle(OnDisk(block))
-            else:
-                self._handle(Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS))
-
-    def _handle(self, event: Event) -> None:
-        instructions = self.of.ledger.handle(event, 0.0)
-        self.of.record(item.entry for item in instructions if isinstance(item, Record))
-        self.out += [item for item in instructions if isinstance(item, Dispatch)]
-
-    def _conclude(self) -> None:
-        self._announce(PlanState.CLOSED)
-        assert self.session is not None
-        self.session.close(time.time_ns())
-        write_map_npz(self.directory / MAP, map_of(self.of, self.basin))
-        (self.directory / PICTURE).write_bytes(PIXEL)
-        self.of.report(self.basin, 1.0, {"playability": playability_of(self.of, self.basin)})
+        if data is not None:
+            self._handle(ReceiptReceived(data))
 
 
 def streams(sweep: Sweep, block: int, blocks: Blocks, run: str) -> tuple[tuple[bytes, bytes], ...]:
