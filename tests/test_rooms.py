@@ -16,6 +16,8 @@ FRAMEWORKS = {"rclpy", "mcap", "rerun", "bow_msgs"}
 IMPURE = {
     "bow_sim.node": {"rclpy", "bow_msgs"},
     "bow_sim.graph.node_base": {"rclpy", "bow_msgs"},
+    "bow_sim.graph.node_process": {"rclpy", "bow_msgs"},
+    "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},

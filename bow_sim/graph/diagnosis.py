@@ -1,4 +1,4 @@
-"""What may keep nodes from hearing each other, found out by looking at this machine."""
+"""What may keep nodes from receiving each other's messages, as far as this machine shows it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LOOPBACK = "127.0.0.1"
 
 
 def network_hints(environment: Mapping[str, str]) -> list[str]:
-    """Return what to look at where nodes do not hear each other, the likely causes first; each a clause for people."""
+    """Return what to check if nodes do not hear each other, likely causes first; each a clause to print."""
     hints = []
     problem = _loopback_problem()
     if problem:
@@ -29,7 +29,7 @@ def network_hints(environment: Mapping[str, str]) -> list[str]:
 
 
 def _loopback_problem() -> str:
-    """Return what is wrong with the loopback interface, tried out with one datagram, or ""."""
+    """Return what is wrong with the loopback interface, tested with one datagram; "" if nothing."""
     try:
         with (
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there,

@@ -1,7 +1,8 @@
-"""How far a graph reaches: this machine and no further, unless the environment asks for more.
+"""On which machines nodes find each other: on this one only, unless the environment names more.
 
-ROS's own variables ask: ``ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET`` (all machines that multicast reaches),
-``ROS_STATIC_PEERS=HOST;HOST`` (these), ``ROS_DISCOVERY_SERVER=HOST:PORT``. Each machine of a graph has to ask.
+The variables of ROS do that: ``ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET`` (all machines that multicast reaches),
+``ROS_STATIC_PEERS=HOST;HOST`` (these machines), ``ROS_DISCOVERY_SERVER=HOST:PORT``. They must be set on each machine of
+a graph.
 """
 
 from __future__ import annotations
@@ -16,32 +17,32 @@ from pathlib import Path
 from bow_sim.config_files import find_config
 
 RANGE, PEERS, SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"
-PROFILE, LEND = "FASTRTPS_DEFAULT_PROFILES_FILE", "RMW_FASTRTPS_USE_QOS_FROM_XML"
+PROFILE, DATA_SHARING = "FASTRTPS_DEFAULT_PROFILES_FILE", "RMW_FASTRTPS_USE_QOS_FROM_XML"
 DOMAIN = "ROS_DOMAIN_ID"
 
 OWN_FILE_ONLY = "SKIP_DEFAULT_XML_FILE"
-"""With 1, Fast DDS does not also read DEFAULT_FASTRTPS_PROFILES.xml of the working directory."""
+"""If it is 1, Fast DDS does not read DEFAULT_FASTRTPS_PROFILES.xml in the working directory too."""
 
 SUBNET, LOCALHOST, AS_PROFILE = "SUBNET", "LOCALHOST", "SYSTEM_DEFAULT"
 
 LOOPBACK_PROFILE, NETWORK_PROFILE = "fastdds.xml", "fastdds_network.xml"
-"""Our middleware profiles, in config/: UDP on 127.0.0.1 alone, and on every interface; both with shared memory."""
+"""Profiles of the middleware, in config/: UDP on 127.0.0.1 only, and on every interface; both with shared memory."""
 
 SHARED_MEMORY = Path("/dev/shm")
 
-SHARED_ROOM = 256 << 20
-"""Bytes free in shared memory that a process wants before it lends its messages there: a simulator takes 34 MB for them
-at once, and containers often have 64 MB in all. Without, messages are copied, as they are between machines."""
+SHARED_MEMORY_NEEDED = 256 << 20
+"""Free bytes of shared memory from which on data sharing is used: a simulator reserves 34 MB for its messages, and
+containers often have 64 MB in all. Without data sharing messages are copied, as between machines."""
 
 _HOST = re.compile(r"[0-9A-Za-z]([0-9A-Za-z.-]*[0-9A-Za-z])?")
 
 
-class ReachError(ValueError):
-    """A machine that cannot be meant; says which and what would be right."""
+class NetworkError(ValueError):
+    """The name of a machine that does not exist; the text says which, and what would be right."""
 
 
 def goes_beyond(environment: Mapping[str, str]) -> bool:
-    """Return whether an environment asks for more than this machine."""
+    """Return whether an environment extends the graph to other machines."""
     given = (environment.get(RANGE) or LOCALHOST).upper()
     if given == AS_PROFILE and _is_loopback_profile(environment):
         given = LOCALHOST
@@ -54,19 +55,19 @@ def _is_loopback_profile(environment: Mapping[str, str]) -> bool:
 
 
 def defaults(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that an environment leaves to us: how far, and the profile that goes with it."""
+    """Return the variables to set where an environment does not: range of discovery, profile, data sharing."""
     out = {} if environment.get(RANGE) else {RANGE: LOCALHOST}
     if PROFILE not in environment:
         profile = find_profile(NETWORK_PROFILE if goes_beyond(environment) else LOOPBACK_PROFILE)
         if profile is not None:
             out[PROFILE] = str(profile)
-            if LEND not in environment:
-                out[LEND] = str(int(_free(SHARED_MEMORY) >= SHARED_ROOM))
+            if DATA_SHARING not in environment:
+                out[DATA_SHARING] = str(int(_free(SHARED_MEMORY) >= SHARED_MEMORY_NEEDED))
     return out
 
 
 def _free(directory: Path) -> int:
-    """Return the bytes that a file system has left; 0 where there is none."""
+    """Return the free bytes of a file system; 0 if the directory does not exist."""
     try:
         there = os.statvfs(directory)
     except OSError:
@@ -79,7 +80,7 @@ def find_profile(name: str) -> Path | None:
     return find_config(name)
 
 
-def asked(network: str) -> dict[str, str]:
+def variables_for(network: str) -> dict[str, str]:
     """Return the variables that ``--network WHERE`` stands for.
 
     Parameters
@@ -89,8 +90,8 @@ def asked(network: str) -> dict[str, str]:
 
     Raises
     ------
-    ReachError
-        Where a machine is not known.
+    NetworkError
+        If a machine is not known.
     """
     if network.upper() == SUBNET:
         return {RANGE: SUBNET}
@@ -98,16 +99,16 @@ def asked(network: str) -> dict[str, str]:
     for host in hosts:
         try:
             if not _HOST.fullmatch(host):
-                raise OSError("no name of a machine")
+                raise OSError("not the name of a machine")
             socket.getaddrinfo(host, None, socket.AF_INET)
         except OSError as error:
             reason = error.strerror or error
-            raise ReachError(f"{host!r}: {reason}; should be SUBNET, or machines: 10.0.0.2,10.0.0.3") from None
+            raise NetworkError(f"{host!r}: {reason}; should be SUBNET, or machines: 10.0.0.2,10.0.0.3") from None
     return {RANGE: LOCALHOST, PEERS: ";".join(hosts)}
 
 
-def joining(namespace: str, environment: Mapping[str, str]) -> str:
-    """Return the command that adds a simulator of another machine to the graph in `namespace`."""
+def join_command(namespace: str, environment: Mapping[str, str]) -> str:
+    """Return the command that starts a simulator on another machine, for the graph in `namespace`."""
     words = []
     if environment.get(SERVER):
         words += [f"{SERVER}={environment[SERVER]}", "ROS_SUPER_CLIENT=TRUE"]
@@ -121,10 +122,10 @@ def joining(namespace: str, environment: Mapping[str, str]) -> str:
 
 
 def _own_address(peer: str) -> str:
-    """Return the address under which another machine reaches this one: that of the interface towards it."""
+    """Return the address under which another machine reaches this one: that of the interface that routes to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((peer, 9))  # sends nothing
+            probe.connect((peer, 9))  # for UDP this sends nothing
             address = probe.getsockname()[0]
         except OSError:
             return socket.gethostname()
@@ -132,15 +133,15 @@ def _own_address(peer: str) -> str:
 
 
 def apply_defaults() -> None:
-    """Fill in the environment of this process, before it loads the middleware."""
+    """Set the variables of this process that it needs before it loads the middleware."""
     os.environ.update(as_loaded(os.environ))
 
 
 def as_loaded(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that the middleware is loaded with.
+    """Return the variables to set before the middleware is loaded.
 
-    Our loopback profile says all that LOCALHOST means: where ROS is told LOCALHOST, it adds a UDP transport on every
-    interface to those of a profile, and one more in shared memory.
+    With our loopback profile the range of discovery is SYSTEM_DEFAULT: with LOCALHOST, rmw_fastrtps would add to the
+    transports of the profile a UDP transport on every interface, and a second one in shared memory.
     """
     out = defaults(environment)
     result = {**environment, **out}

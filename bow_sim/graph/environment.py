@@ -1,6 +1,6 @@
-"""What a process of ours takes from whoever started it: open files, signals, variables of the environment.
+"""What a process inherits from its caller: open files, signals, environment variables.
 
-Imports next to nothing, so that it can come before everything else: a command calls :func:`prepare` first of all.
+Imports the standard library only, and little of it: a command calls :func:`prepare` before it imports anything else.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from collections.abc import Iterable, Mapping
 RMW, DOMAIN, PROFILE = "RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "FASTRTPS_DEFAULT_PROFILES_FILE"
 MIDDLEWARE = "rmw_fastrtps_cpp"
 MAX_DOMAIN = 232
-"""From 233 on the ports of a domain would lie beyond 65535."""
+"""From domain 233 on, the ports would be above 65535."""
 
 BOOTSTRAPPED = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-"""Tells ROS wheels that LD_LIBRARY_PATH has their libraries; inherited, it may mean those of another Python."""
+"""Tells ROS wheels that LD_LIBRARY_PATH has their libraries; an inherited value may be that of another Python."""
 
 AT_START = ("LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONWARNINGS")
-"""Variables that are read when a process begins: another value needs another beginning."""
+"""Variables that are read only when a process starts: to change them, the process must be started again."""
 
-_STARTED_ANEW = "_BOW_STARTED_ANEW"
+_STARTED_AGAIN = "_BOW_STARTED_AGAIN"
 
 _LIBRARIES = ("librcl", "librcutils", "librmw", "librosidl", "libfastrtps", "libfastdds", "libfastcdr")
 _PACKAGES = ("rclpy", "rpyutils", "rosidl_", "ament_", "rosbag2_")
@@ -29,29 +29,29 @@ _INTERFACES = ("_msgs", "_interfaces", "_srvs")
 
 
 class EnvironmentProblem(ValueError):
-    """A variable with which the graph cannot work; the message says which, and what would be right."""
+    """A variable with which the graph cannot work; the text names it, and what would be right."""
 
 
 def prepare() -> None:
-    """Make this process independent of whoever started it; call it first of all in a command's process.
+    """Make this process independent of its caller; a command calls it first.
 
-    May start the same command anew in this process, where the variables of :data:`AT_START` were wrong.
+    If variables of :data:`AT_START` are wrong, the same command is started again in this process (execve).
     """
     open_streams()
     _be_somewhere()
     if signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN:  # exit statuses of children would be lost
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     _find_title()
-    anew = os.environ.pop(_STARTED_ANEW, "")
+    again = os.environ.pop(_STARTED_AGAIN, "")
     right = cleaned(os.environ)
     wrong = [name for name in AT_START if right.get(name) != os.environ.get(name)]
-    if wrong and not anew:
-        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**right, _STARTED_ANEW: "1"})
+    if wrong and not again:
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**right, _STARTED_AGAIN: "1"})
     _replace(right)
 
 
 def _find_title() -> None:
-    """Let setproctitle find where the title of this process is: once the environment has changed, it cannot."""
+    """Let setproctitle find the memory of the process title; it cannot after the environment has changed."""
     try:
         import setproctitle
     except ImportError:
@@ -60,7 +60,7 @@ def _find_title() -> None:
 
 
 def _be_somewhere() -> None:
-    """Leave a working directory that was removed: libraries ask for it. Nobody can make a file in the one we go to."""
+    """Leave a working directory that was removed, because libraries ask for it; no file can be created in /proc."""
     try:
         os.getcwd()
     except OSError:
@@ -74,15 +74,15 @@ def _replace(right: Mapping[str, str]) -> None:
 
 
 def open_streams() -> None:
-    """Open what is closed of standard input, output and error on /dev/null.
+    """Open those of standard input, output and error that are closed, on /dev/null.
 
-    Otherwise the next files and sockets get their numbers, and what a library prints goes there.
+    Otherwise the next files or sockets get their descriptors, and libraries would print into them.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            opened = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+            opened = os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor
             os.set_inheritable(opened, True)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
@@ -90,21 +90,21 @@ def open_streams() -> None:
 
 
 def silence(name: str) -> None:
-    """Send what "stdout" or "stderr" could not take to /dev/null, so that the end is quiet."""
+    """Redirect "stdout" or "stderr" to /dev/null after an error of writing, so that Python exits quietly."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), getattr(sys, name).fileno())
-    except (OSError, ValueError, AttributeError):  # it is no real file, as in a notebook
+    except (OSError, ValueError, AttributeError):  # not a real file, for example in a notebook
         return
 
 
 def cleaned(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment without what would send our processes to other libraries.
+    """Return an environment without variables that would make our processes load other libraries.
 
-    With ROS from wheels that is everything that a sourced ROS installation, or another Python with wheels, has put
-    there. In a ROS workspace these variables say where ROS is, and stay.
+    With ROS from wheels these are the variables set by a sourced ROS installation, or by another Python with wheels. In
+    a ROS workspace they name the installation that is used, and stay.
     """
     right = dict(environment)
-    right["NUMBA_DISABLE_JIT"] = "0"  # the kernels exist in compiled form only
+    right["NUMBA_DISABLE_JIT"] = "0"  # the kernels exist only compiled
     right["SKIP_DEFAULT_XML_FILE"] = "1"  # Fast DDS would read a profile from the working directory
     if right.get("PYTHONWARNINGS", "").startswith("error"):
         del right["PYTHONWARNINGS"]
@@ -118,7 +118,7 @@ def cleaned(environment: Mapping[str, str]) -> dict[str, str]:
         if set(given) != {*libraries, *others}:
             right["LD_LIBRARY_PATH"] = os.pathsep.join([*libraries, *others])
         python = [entry for entry in python if not _has_packages(entry)]
-    python = [entry for entry in python if entry]  # an empty one is the working directory
+    python = [entry for entry in python if entry]  # an empty entry means the working directory
     if python:
         right["PYTHONPATH"] = os.pathsep.join(python)
     else:
@@ -127,7 +127,7 @@ def cleaned(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def wheel_libraries() -> list[str]:
-    """Return the directories with the libraries of this Python's ROS wheels; none where ROS is no wheels."""
+    """Return the directories with the libraries of this Python's ROS wheels; empty if ROS is not from wheels."""
     prefix = os.path.join(sys.prefix, "lib")
     packages = os.path.join(prefix, f"python{sys.version_info.major}.{sys.version_info.minor}", "site-packages")
     names = _names(packages)
@@ -153,12 +153,12 @@ def _has_packages(directory: str) -> bool:
 
 
 def settle() -> str:
-    """Make the environment of this process fit for a graph; call it before there is a process or a directory.
+    """Correct the environment of this process for a graph; call it before processes or directories are created.
 
     Returns
     -------
     str
-        What was asked for and is ignored, for people; "" for nothing.
+        A text for the user on what is set and ignored; "" if nothing is.
 
     Raises
     ------
@@ -173,12 +173,12 @@ def settle() -> str:
 
 
 def check(environment: Mapping[str, str]) -> None:
-    """Refuse an environment in which no graph can start.
+    """Raise an error if no graph can start in an environment.
 
     Raises
     ------
     EnvironmentProblem
-        Names the variable, its value and what would be right.
+        The text names the variable, its value and what would be right.
     """
     for problem in _problems(environment):
         raise EnvironmentProblem(problem)

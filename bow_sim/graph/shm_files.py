@@ -1,11 +1,12 @@
-"""Shared memory that a killed process of ours leaves behind: up to 40 MB in /dev/shm each, until the next boot.
+"""Shared-memory files that a killed process leaves in /dev/shm: up to 40 MB for each, until the next boot.
 
-Fast DDS keeps its messages in a segment ``fastrtps_<16 digits>``, and hears of them at ``fastrtps_port<number>``; as
-long as it lives, it holds a lock on the file ``..._el`` beside each: such a file goes when nobody holds the lock any
-more. What it lends to readers lies in ``fast_datasharing_<GUID>``, whose owner's process number, or the end of it, is
-in the GUID: that goes when no such process has it in its memory any more. Nothing of this is touched that a process of
-ours did not have while it lived; which it had, the shared-memory cleaner sees
-(:mod:`bow_sweep.processes.shm_cleaner`), or notes say (:mod:`bow_sim.graph.shm_notes`).
+Fast DDS keeps its messages in a segment ``fastrtps_<16 digits>`` and receives notifications at
+``fastrtps_port<number>``. A living process holds a lock on the file ``..._el`` beside each of them, so these are
+removed if no process holds the lock. Data-sharing files ``fast_datasharing_<GUID>`` have no lock, but the GUID encodes
+the lowest two bytes of the owner's process number: they are removed if no process with such a number has mapped them.
+
+Only files that a process of ours has used are removed. The shared-memory cleaner records them
+(:mod:`bow_sweep.processes.shm_cleaner`), or a note does (:mod:`bow_sim.graph.shm_notes`).
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ _LENT = re.compile(
 )
 
 OWNERS = 1 << 16
-"""A GUID has the lowest two bytes of a process number."""
+"""A GUID encodes the process number modulo this."""
 
 
 def files_of(pid: int, known: Container[str] = ()) -> set[str]:
-    """Return what a living process has in shared memory that is its own, but for what is `known`.
+    """Return the shared-memory files that a living process owns, without those in `known`.
 
-    These are the locks of its segments and ports, and what it lends. It is asked often, and Path objects take ten
-    times as long.
+    These are the locks of its segments and ports, and its data-sharing files. The function is called often; with Path
+    objects it would take ten times as long.
     """
     locks, lent = set(), set()
     with contextlib.suppress(OSError):
@@ -52,19 +53,19 @@ def is_lock(file: str) -> bool:
 
 
 def is_port(file: str) -> bool:
-    """Return whether a file is the lock of a port, which any process of that number takes over."""
+    """Return whether a file is the lock of a port; a new process may use the port of a dead one."""
     lock = _LOCK.fullmatch(file)
     return lock is not None and lock[1] is not None
 
 
 def owner(file: str) -> int | None:
-    """Return the lowest two bytes of the number of the process that lends a file; None where it is no such file."""
+    """Return the lowest two bytes of the owner's process number; None if the file is not a data-sharing file."""
     lent = _LENT.fullmatch(file)
     return int(lent[2] + lent[1], 16) if lent else None
 
 
 def _mapped(pid: int, files: Iterable[str]) -> set[str]:
-    """Return which of some files a process has in its memory."""
+    """Return which of some files a process has mapped into its memory."""
     try:
         memory = Path(f"/proc/{pid}/maps").read_text(errors="replace")
     except OSError:
@@ -73,13 +74,13 @@ def _mapped(pid: int, files: Iterable[str]) -> set[str]:
 
 
 def note(path: Path, files: Iterable[str]) -> None:
-    """Add files to a note; where the disk does not take it, there is none."""
+    """Add files to a note; errors of writing are ignored."""
     with contextlib.suppress(OSError), open(path, "a", encoding="utf-8") as out:
         out.writelines(f"{file}\n" for file in sorted(files))
 
 
 def noted(path: Path) -> set[str]:
-    """Return the files that a note names; what is none of Fast DDS's is left out."""
+    """Return the files that a note lists, without those that are not files of Fast DDS."""
     try:
         return named(path.read_text(encoding="utf-8", errors="replace"))
     except OSError:
@@ -87,20 +88,20 @@ def noted(path: Path) -> set[str]:
 
 
 def named(text: str) -> set[str]:
-    """Return the files that the text of a note names; what is none of Fast DDS's is left out."""
+    """Return the files that the text of a note lists, without those that are not files of Fast DDS."""
     return {line for line in text.splitlines() if _LOCK.fullmatch(line) or _LENT.fullmatch(line)}
 
 
 def remove(files: Iterable[str], *, ports: bool = False) -> set[str]:
-    """Remove what nobody has any more: segments with their locks, and what was lent; return what is left.
+    """Remove files that no process uses: segments with their locks, and data-sharing files; return those that are left.
 
-    Ports only where told, when no other process of ours may come that takes over a dead one's.
+    Ports are removed only if `ports` is set, when no other process of ours can start and use them again.
     """
     return {file for file in files if not _is_removed(file, ports)}
 
 
 def _is_removed(file: str, ports: bool) -> bool:
-    """Remove a file if nobody has it any more; return whether it is gone."""
+    """Remove a file if no process uses it; return whether it is gone."""
     lock, pid = _LOCK.fullmatch(file), owner(file)
     try:
         if lock is not None and lock[1]:
@@ -115,15 +116,15 @@ def _is_removed(file: str, ports: bool) -> bool:
             os.unlink(file)
     except FileNotFoundError:
         return True
-    except OSError:  # still locked
+    except OSError:  # locked by a living process
         return False
     return True
 
 
 def _remove_unlocked(lock: str, *others: str, flags: int = 0) -> None:
-    """Remove a segment or port, its lock and other files, or raise OSError where the lock is held.
+    """Remove a segment or port, its lock and other files; raise OSError if the lock is held.
 
-    Who sends to a port makes it again where it was removed, without a lock.
+    A process that sends to a removed port creates it again, without a lock file.
     """
     descriptor = os.open(lock, os.O_RDONLY | flags, 0o644)
     try:

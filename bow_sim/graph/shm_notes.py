@@ -1,9 +1,9 @@
-"""What a node without a supervisor leaves in shared memory when it is killed: the next node that starts removes it.
+"""Notes on the shared memory of nodes without a supervisor: the next node that starts removes what a killed one left.
 
-Under `bow sweep` a process sees to that, :mod:`bow_sweep.processes.shm_cleaner`. A node that somebody starts by hand,
-or `ros2 launch`, has a note instead, in shared memory too: a file that lists what it has there. Its name says whose it
-is: user, process, when that started, and the namespace of process numbers. A note of ours whose process is gone is
-worked off; what others hold by now stays theirs.
+`bow sweep` starts a process for that, :mod:`bow_sweep.processes.shm_cleaner`. A node that is started by hand, or by
+`ros2 launch`, writes a note instead: a file in shared memory that lists its other files there. The name of the note
+encodes the user, the namespace of process numbers, the process number and the start of the process. If that process is
+gone, the listed files are removed unless other processes use them.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from bow_sim.graph.process_stat import start_of
 SUPERVISED = "BOW_SUPERVISED"
 """Set in the environment of processes that have a supervisor: they write no notes."""
 
-LOOK_S = 0.5
-"""Between two looks at what this process has; one takes 0.2 ms."""
+UPDATE_S = 0.5
+"""Between two updates of a note; one takes 0.2 ms."""
 
 MOST_BYTES = 1 << 20
-"""A note is smaller."""
+"""Larger files are not notes."""
 
 _NAME = re.compile(r"bow_([0-9]+)_([0-9]+)_([0-9]+)_([0-9]+)")
 
@@ -36,12 +36,12 @@ def _name(pid: int) -> str:
 
 
 def _namespace() -> int:
-    """Return the namespace of process numbers that this process lives in: containers may share memory alone."""
+    """Return the namespace of this process's number: containers may share memory without sharing process numbers."""
     return Path("/proc/self/ns/pid").stat().st_ino
 
 
 class Note:
-    """The note of this process; where it cannot be written, there is none.
+    """The note of this process; there is none if it cannot be written.
 
     Parameters
     ----------
@@ -50,20 +50,20 @@ class Note:
     """
 
     def __init__(self, place: Path = SHARED_MEMORY) -> None:
-        work_off(place)
+        remove_leftovers(place)
         self._files: set[str] = set()
-        self._next_look = 0.0
+        self._next_update = 0.0
         self._path: Path | None = None
         if not os.environ.get(SUPERVISED):
             with contextlib.suppress(OSError):
                 self._path = place / _name(os.getpid())
 
     def update(self) -> None:
-        """Add what is new; call it often."""
+        """Add new files to the note; to be called often."""
         now = time.monotonic()
-        if self._path is None or now < self._next_look:
+        if self._path is None or now < self._next_update:
             return
-        self._next_look = now + LOOK_S
+        self._next_update = now + UPDATE_S
         new = shm_files.files_of(os.getpid(), self._files)
         if new:
             self._files |= new
@@ -76,23 +76,23 @@ class Note:
             out.write(lines)
 
     def close(self) -> None:
-        """Remove it: the process has let go of all that it names."""
+        """Remove the note: the process has released all files in it."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
 
-def work_off(place: Path = SHARED_MEMORY) -> None:
-    """Remove what processes of this user have left that noted it and are gone."""
+def remove_leftovers(place: Path = SHARED_MEMORY) -> None:
+    """Remove the files listed in the notes of processes of this user that are gone."""
     with contextlib.suppress(OSError):
         mine = (str(os.getuid()), str(_namespace()))
         for path in place.iterdir():
             found = _NAME.fullmatch(path.name)
             if found and found.groups()[:2] == mine and start_of(int(found[3])) != int(found[4]):
-                _work_off(path)
+                _remove_leftovers_of(path)
 
 
-def _work_off(path: Path) -> None:
-    """Remove what a note lists; the note itself once nothing of it is left but ports, which the next process takes."""
+def _remove_leftovers_of(path: Path) -> None:
+    """Remove the files listed in a note, then the note, unless files are left; ports stay for the next process."""
     with contextlib.suppress(OSError):
         descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         with os.fdopen(descriptor, errors="replace") as file:

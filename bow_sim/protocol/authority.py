@@ -1,6 +1,6 @@
-"""Whose plan a node obeys: that of the coordinator which the run in progress belongs to. No ROS, no clock.
+"""Decides whose plan a node obeys: only that of the coordinator in charge of the run in progress. No ROS, no clock.
 
-A plan is a message that anybody may publish: another coordinator in the namespace, or somebody who plays a bag there.
+Any process may publish a plan: another coordinator in the namespace, or a bag that is played there.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from bow_sim.protocol.states import PlanState
 
 
 class Authority:
-    """The run that a node works for, learned from the plan that opened it.
+    """The run that a node works for, as announced by the plan that opened it.
 
     Parameters
     ----------
     is_alive
-        Whether a coordinator, by its incarnation, is heard of and works for a run, by its run_id.
+        Returns whether a coordinator, by its incarnation, is alive and works for a run, by its run_id.
     """
 
     def __init__(self, is_alive: Callable[[str, str], bool]) -> None:
@@ -27,7 +27,7 @@ class Authority:
         self.epoch = 0
 
     def objection(self, plan: Mapping[str, Any]) -> str:
-        """Return why a decoded Plan is not to be obeyed, or ""; then it is the one in progress from now on."""
+        """Return why a decoded Plan is not to be obeyed; if "", its run is in progress from now on."""
         run_id, owner, epoch = str(plan["run_id"]), str(plan["incarnation"]), int(plan["epoch"])
         why = ""
         if self.run_id == run_id:
@@ -48,5 +48,5 @@ class Authority:
         return ""
 
     def release(self) -> None:
-        """No run is in progress any more."""
+        """Note that no run is in progress any more."""
         self.run_id, self.owner, self.epoch = "", "", 0

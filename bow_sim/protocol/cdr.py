@@ -1,14 +1,14 @@
 """The messages of the graph as CDR bytes and back, with NumPy and without ROS.
 
 ROS 2 carries messages as CDR (OMG DDS-XTypes 1.3, section 7.4, plain XCDR1, little endian): four bytes of
-encapsulation, then every primitive aligned to its own size counted from there; a sequence is its length as uint32,
-then its elements; a string counts its closing zero; a short text is an array of bytes, filled up with zeros. All
-messages of ``bow_msgs`` are flat once nested ones are written out field by field, so a table of fields describes each,
-see :mod:`bow_sim.protocol.messages`. ``tests/sim/test_wire.py`` holds the bytes against rclpy's own serialisation.
+encapsulation, then every primitive, aligned to its own size counted from there. A sequence is its length as uint32,
+then its elements; the length of a string includes its final zero; a short text is an array of bytes, filled with zeros.
+All messages of ``bow_msgs`` are flat if nested ones are written field by field, so a table of fields describes each,
+see :mod:`bow_sim.protocol.messages`. ``tests/sim/protocol/test_cdr.py`` compares the bytes with rclpy's serialisation.
 
 A message with a `checksum` is sealed: XXH3-64 over all bytes after that field, seeded with its place in the sweep.
-The field is eight bytes wide and so ends on a multiple of eight: what follows has the same bytes wherever it stands.
-Bytes skipped for alignment are zero here (Fast CDR leaves them as they were), so that equal values give equal bytes.
+The field is eight bytes wide and so ends on a multiple of eight: the bytes after it do not depend on its position.
+Bytes skipped for alignment are zero here (Fast CDR does not set them), so that equal values give equal bytes.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ ENCAPSULATION = b"\x00\x01\x00\x00"
 """Plain CDR, little endian, no options."""
 
 SLACK = 32
-"""Bytes that may follow a message that ROS has serialised: it reserves room for aligning arrays that are empty."""
+"""Bytes that may follow a message that ROS has serialised: it reserves space for the alignment of empty arrays."""
 
 INTERVAL_FIELDS = ("slipping", "offsets", "onset", "duration", "slip")
-"""What StickSlip says of a chunk beyond where it is."""
+"""The fields of StickSlip that describe the motion."""
 
 
 class WireError(ValueError):
-    """Bytes that are not the message they should be; says which field and where."""
+    """Bytes that are not the message they should be; the text names the field and its place."""
 
 
 class Identity(NamedTuple):
-    """What a sealed message is about, and which try it comes from."""
+    """The chunk that a sealed message belongs to, and the attempt that sent it."""
 
     run_id: str
     sweep_id: str
@@ -70,26 +70,26 @@ class Identity(NamedTuple):
 
 
 def _place(block: int, chunk: int) -> int:
-    """Return the seed of a checksum: the place of a chunk in its sweep, so that swapped chunks do not agree."""
+    """Return the seed of a checksum: the place of a chunk in its sweep, so that exchanged chunks are noticed."""
     return (block << 32) | chunk
 
 
 def chunk_checksum(block: int, chunk: int, bridge_force: int, stick_slip: int) -> int:
-    """Return the checksum of a chunk from those of its two stream messages: what receipts and verdicts agree on."""
+    """Return the checksum of a chunk from those of its two stream messages; receipts and verdicts carry it."""
     return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=_place(block, chunk))
 
 
 class _Field(NamedTuple):
-    """How a field is laid out: what there is to know before a message comes."""
+    """How a field is encoded, as far as the message definition determines it."""
 
     name: str
     kind: str
     """"string", "string[]", "text", "array" or "scalar"."""
     form: struct.Struct
-    """Of a scalar, an item of an array, the length of a string, or a short text."""
+    """Encoding of a scalar, of an item of an array, of the length of a string, or of a short text."""
     dtype: np.dtype[Any]
     most: int
-    """Items of an array at most."""
+    """Maximum number of items of an array."""
 
     @classmethod
     def of(cls, name: str, declared: str) -> _Field:
@@ -154,7 +154,7 @@ def _short(field: str, text: str) -> bytes:
     Raises
     ------
     WireError
-        Where it is not one: too long, or not ASCII.
+        If it is too long, or not ASCII.
     """
     data = text.encode()
     if len(data) > _TEXT.size or not text.isascii() or data.endswith(b"\0"):
@@ -163,19 +163,19 @@ def _short(field: str, text: str) -> bytes:
 
 
 def encode(name: str, values: Mapping[str, Any]) -> bytes:
-    """Return message `name` as CDR bytes; a sealed message gets its checksum here, whatever `values` says of it.
+    """Return message `name` as CDR bytes; the checksum of a sealed message is computed here.
 
     Parameters
     ----------
     name
         Key of `FIELDS`.
     values
-        Field -> value; arrays in any shape, written flat in C order.
+        Field -> value; arrays of any shape are written flat, in C order. A checksum in it is not used.
 
     Raises
     ------
     WireError
-        Where a field does not take so much.
+        If a value is too long for its field.
     """
     head, tail = _Writer(), _Writer()
     writer = head
@@ -201,26 +201,26 @@ def decode(name: str, data: Buffer) -> dict[str, Any]:
     Raises
     ------
     WireError
-        Where the bytes end early, go on too long, or are not plain little-endian CDR.
+        If the bytes end too early, are too many, or are not plain little-endian CDR.
     """
     return _decode(name, data)[0]
 
 
 def decode_head(name: str, data: Buffer) -> dict[str, Any]:
-    """Return the fields of sealed message `name` up to its checksum; the rest is not looked at.
+    """Return the fields of sealed message `name` up to its checksum; the rest is not read.
 
     Raises
     ------
     WireError
-        Where the bytes end too early, or are not plain little-endian CDR.
+        If the bytes end too early, or are not plain little-endian CDR.
     """
     return _decode(name, data, whole=False)[0]
 
 
 def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any], int]:
-    """Return the fields of a message, or those up to its checksum, and where what that covers begins.
+    """Return the fields of a message, or those up to its checksum, and the first byte that the checksum covers.
 
-    Nothing is allocated on the word of the sender.
+    No memory is allocated for a length that the message states but does not have.
     """
     view = memoryview(data)
     if view[:2] != ENCAPSULATION[:2]:
@@ -299,27 +299,27 @@ def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]
 
 
 HELLO_BYTES = 400
-"""A hello is smaller; what is smaller may be one."""
+"""Longer messages are not hellos, and need not be decoded to know it."""
 
 _EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: ""}
 
 
 def hello(name: str, incarnation: str) -> bytes:
-    """Return message `name` of a stream without cells: it shows that the node's messages arrive, and says nothing else.
+    """Return message `name` of a stream without cells: it only shows that the node's messages arrive.
 
     Parameters
     ----------
     name
         "BridgeForce", "StickSlip" or "Verdicts".
     incarnation
-        Of the node that publishes it.
+        Of the node that publishes the hello.
     """
     values: dict[str, Any] = {field: _EMPTY.get(kind, ()) for field, kind in FIELDS[name].items()}
     return encode(name, {**values, "incarnation": incarnation, "offsets": (0,)})
 
 
 def hello_from(name: str, data: Buffer) -> str:
-    """Return the incarnation of the node that a hello comes from; "" where the message is none."""
+    """Return the incarnation of the node that sent a hello; "" if the message is not a hello."""
     if len(data) > HELLO_BYTES:
         return ""
     try:
@@ -340,7 +340,7 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
     Raises
     ------
     WireError
-        Where the checksum does not hold, or arrays do not fit each other.
+        If the checksum is wrong, or the lengths of arrays do not fit each other.
     """
     values, covered = _decode(name, data)
     expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=_place(values["block"], values["chunk"]))
@@ -362,7 +362,7 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
 
 
 def _check_intervals(values: Mapping[str, Any]) -> None:
-    """Raise where the slip intervals of a chunk do not lie in order, apart and within the chunk."""
+    """Raise WireError if the slip intervals of a chunk are not in order, separate, and within the chunk."""
     offsets, onset, duration = (values[name].astype(np.int64) for name in ("offsets", "onset", "duration"))
     count = len(onset)
     if len(duration) != count or len(values["slip"]) != count:

@@ -1,8 +1,8 @@
-"""Back-pressure by credit: what a simulator has sent and nobody has yet answered for.
+"""Flow control: the chunks that a simulator has sent and that are not answered yet.
 
-A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks and
-`LIMIT_BYTES` are under way; a DDS acknowledgement does not count, for it says nothing of a write or a verdict. What
-stays unanswered is sent again: both consumers answer a duplicate as they answered the first.
+A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks are
+under way, and none begins while `LIMIT_BYTES` are. A DDS acknowledgement does not count, because it does not show that
+the chunk was written and judged. Unanswered chunks are sent again; both consumers answer a duplicate like the first.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 LIMIT = 16
-"""Chunks under way at most, and messages that shared memory has room for."""
+"""Chunks under way at most; shared memory is reserved for as many messages."""
 
 LIMIT_BYTES = 12 << 20
-"""Bytes under way after which no other chunk begins."""
+"""No chunk begins while so many bytes are under way."""
 
 RESEND_S = 2.0
-"""A block without any answer for this long, while both consumers are alive, has its unanswered chunks sent again."""
+"""If a block gets no answer for this long while both consumers are alive, its unanswered chunks are sent again."""
 
 Key = tuple[int, int]
 """A chunk of the sweep: (block, chunk)."""
@@ -57,12 +57,12 @@ class Window:
         return len(self._sent) >= self.limit or sum(entry.size for entry in self._sent.values()) >= LIMIT_BYTES
 
     def sent(self, key: Key, messages: Iterable[bytes], now: float) -> None:
-        """Note that a chunk has been published at `now` (seconds)."""
+        """Note that a chunk is published at `now` (seconds)."""
         self._quiet_since.setdefault(key[0], now)
         self._sent[key] = _Sent(tuple(messages))
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
-        """Note an answer; return whether it closed a chunk."""
+        """Note an answer; return whether the chunk is now answered by both consumers."""
         entry = self._sent.get(key)
         if entry is None:
             return False
@@ -77,13 +77,13 @@ class Window:
         return False
 
     def drop(self, blocks: Iterable[int] | None = None) -> None:
-        """Forget the chunks of `blocks`, or all: nobody will answer for them."""
+        """Forget the chunks of `blocks`, or all, because nobody will answer them."""
         gone = None if blocks is None else set(blocks)
         self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
         self._quiet_since = {key[0]: self._quiet_since[key[0]] for key in self._sent}
 
     def overdue(self, now: float) -> list[tuple[bytes, ...]]:
-        """Return what to publish again, in order: all of each block that is quiet; its wait starts anew."""
+        """Return the messages to publish again, in order: all of each block without answers for `RESEND_S`."""
         quiet = {block for block, since in self._quiet_since.items() if now - since >= RESEND_S}
         self._quiet_since.update(dict.fromkeys(quiet, now))
         return [entry.messages for key, entry in self._sent.items() if key[0] in quiet]

@@ -1,4 +1,7 @@
-"""The messages of the graph as tables of their fields; ``tests/sim/test_wire.py`` holds them against the .msg files."""
+"""The messages of the graph as tables of their fields.
+
+``tests/sim/protocol/test_cdr.py`` compares the tables with the .msg files.
+"""
 
 from __future__ import annotations
 
@@ -102,13 +105,13 @@ FIELDS: dict[str, dict[str, str]] = {
         "cells_outstanding": "uint32",
     },
 }
-"""Message -> its fields in order, nested messages written out with a dot."""
+"""Message -> its fields in order; the fields of nested messages are written with a dot."""
 
 
 ADDED: dict[str, str] = {"Plan": "incarnation"}
-"""Message -> its last field, a string that bags of older versions lack: it is read as "" there."""
+"""Message -> its last field, a string that older versions of bow did not write; it is then read as ""."""
 
 
 def is_sealed(name: str) -> bool:
-    """Return whether a message carries its own checksum; then it was written here, to the last byte."""
+    """Return whether a message carries its own checksum; such messages are always encoded by this package."""
     return FIELDS[name].get("checksum") == "uint64"

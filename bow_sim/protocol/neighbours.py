@@ -1,9 +1,9 @@
-"""Who is on the graph, whose messages arrive where: what nodes say of each other in `health`. No ROS, no clock.
+"""Which nodes are alive and which topics work, according to the heartbeats (`health`). No ROS, no clock.
 
-What the middleware knows of the graph (names, counts of endpoints) can stay wrong after a process was stopped for
-longer than its lease. So nothing depends on it: a node is there as long as its heartbeat comes, and a topic works as
-long as its reader says, in its own heartbeat, that messages arrive. A node that has nothing to publish sends a *hello*
-on its topics once a second.
+The middleware's view of the graph (names, counts of endpoints) can stay wrong after a process was stopped for longer
+than its lease, so nothing depends on it. A node is alive as long as its heartbeats arrive. A topic works as long as its
+reader reports, in its own heartbeat, that messages arrive. A node that has nothing to publish sends a *hello* on its
+topics once a second.
 """
 
 from __future__ import annotations
@@ -19,35 +19,37 @@ from typing import Any
 from bow_sim.protocol.states import NodeState
 
 SILENT_S = 6.0
-"""A node whose heartbeat, once a second, does not come for this long is taken for gone."""
+"""A node whose heartbeat, sent once a second, does not arrive for this long counts as gone."""
 
 HEARS_S = 4.0
-"""A message is evidence for this long that its topic works."""
+"""A message proves for this long that its topic works."""
 
 HELLO_S = 1.0
-"""Between two hellos; while the reader does not say that they arrive, `FIRST_HELLO_S`."""
+"""Between two hellos; `FIRST_HELLO_S` until the reader reports that they arrive."""
 
 FIRST_HELLO_S = 0.1
 
-DEAF_S = 5.0
-"""A topic that worked counts as broken when its living reader has not confirmed it for this long."""
+UNCONFIRMED_S = 5.0
+"""A topic that worked counts as broken if its living reader has not confirmed it for this long."""
 
 LONGEST_STEP_S = 1.0
+"""What `AwakeClock` counts at most between two calls."""
 
 MOST_LEFT = 1000
-"""Nodes remembered that have gone."""
+"""Nodes that have gone and are remembered, at most: their late heartbeats are recognised as old."""
 
 CONSUMERS = ("recorder", "classifier")
-"""Roles of the nodes that take the streams whole: everybody waits for them."""
+"""Roles of the nodes that receive every chunk: simulators wait for them."""
 
 LEFT = "left"
-"""Health.detail of a node that has gone by itself."""
+"""Health.detail of a node that has ended by itself."""
 
 
 class AwakeClock:
-    """Seconds in which this process could run. A stop, or a sleep of the machine, counts as `LONGEST_STEP_S` at most.
+    """Seconds in which this process could run. A stop, or a suspend of the machine, counts as `LONGEST_STEP_S` at most.
 
-    After a stop nobody was silent: we were deaf. Ask it at least once a second.
+    So deadlines of heartbeats extend by the time in which this process could not receive any. To be read at least once
+    a second.
 
     Attributes
     ----------
@@ -74,7 +76,7 @@ class AwakeClock:
 
 
 def is_gone(host: str, pid: int, own_host: str) -> bool:
-    """Return whether a process of this machine has ended; of other machines nothing is known."""
+    """Return whether a process of this machine has ended; False for processes of other machines, which are not seen."""
     return host == own_host and not Path(f"/proc/{pid}").exists()
 
 
@@ -96,13 +98,13 @@ class Neighbour:
     state: int = NodeState.STARTING
     detail: str = ""
     hears: frozenset[str] = frozenset()
-    """What arrives there from us: topics, and "health"."""
+    """Our topics, and "health", from which messages arrive there."""
     confirmed: dict[str, float] = field(default_factory=dict)
-    """Topic -> when it last said so."""
+    """Topic -> when the node last reported that messages arrive."""
 
     @property
     def is_live(self) -> bool:
-        """Whether it answers us: a heartbeat out of a bag cannot know our incarnation."""
+        """Whether it receives our messages: a heartbeat from a bag cannot know our incarnation."""
         return bool(self.hears)
 
 
@@ -113,34 +115,34 @@ class Neighbours:
     ----------
     incarnation, host
         Of this node.
-    cares
-        Whose messages this node reports as heard: takes role and node name.
+    confirms
+        Takes role and node name; returns whether this node reports that the heartbeats of that node arrive.
     """
 
-    def __init__(self, incarnation: str, host: str, cares: Callable[[str, str], bool] = lambda *_: True) -> None:
-        self._own, self._host, self._cares = incarnation, host, cares
+    def __init__(self, incarnation: str, host: str, confirms: Callable[[str, str], bool] = lambda *_: True) -> None:
+        self._own, self._host, self._confirms = incarnation, host, confirms
         self._known: dict[str, Neighbour] = {}
         self._heard: dict[str, dict[str, float]] = {}
         self._left: deque[str] = deque(maxlen=MOST_LEFT)
         self.changed = False
-        """Somebody or something new was heard: worth a heartbeat at once."""
+        """Whether a new node or topic was heard: the next heartbeat is due at once."""
 
     # ---- what comes in
 
     def heard(self, topic: str, incarnation: str, now: float) -> None:
-        """A message of a node has come on a topic."""
+        """Note that a message of a node has arrived on a topic."""
         if incarnation and incarnation != self._own:
             topics = self._heard.setdefault(incarnation, {})
             self.changed |= topic not in topics
             topics[topic] = now
 
     def is_old(self, message: Any) -> bool:
-        """Return whether a heartbeat is not newer than the latest of its node: somebody plays a bag."""
+        """Return whether a heartbeat is not newer than the latest of its node: it comes from a bag that is played."""
         known = self._known.get(message.incarnation)
         return message.incarnation in self._left or (known is not None and message.number <= known.number)
 
     def take(self, message: Any, now: float) -> Neighbour | None:
-        """Take in a heartbeat (Health) that is no old one; return the node, or None where it has gone."""
+        """Take in a heartbeat (Health) that is not old; return the node, or None if it has gone."""
         if message.state == NodeState.DEAD:
             for incarnation, known in list(self._known.items()):
                 if (known.host, known.pid) == (message.host, message.pid):
@@ -166,19 +168,19 @@ class Neighbours:
         mine = [words.split()[1:] for words in message.hears if words.startswith(f"{self._own} ")]
         known.hears = frozenset(mine[0]) if mine else frozenset()
         known.confirmed.update(dict.fromkeys(known.hears, now))
-        if self._cares(known.role, known.node):
+        if self._confirms(known.role, known.node):
             self.heard("health", incarnation, now)
         return known
 
     def forget(self, incarnation: str) -> None:
-        """A node has gone."""
+        """Forget a node that has gone."""
         self._known.pop(incarnation, None)
         self._heard.pop(incarnation, None)
 
     # ---- what goes out
 
     def hears(self, now: float) -> list[str]:
-        """Return Health.hears: what arrives here from whom."""
+        """Return Health.hears: for each node, the topics from which its messages arrive here."""
         self.changed = False
         for incarnation, topics in list(self._heard.items()):
             for topic, at in list(topics.items()):
@@ -191,18 +193,18 @@ class Neighbours:
     # ---- what is asked
 
     def get(self, incarnation: str) -> Neighbour | None:
-        """Return a node that was heard of and has not gone."""
+        """Return a node that is known and has not gone."""
         return self._known.get(incarnation)
 
     def is_alive(self, incarnation: str, now: float) -> bool:
-        """Return whether a node's heartbeat came within `SILENT_S`, and it has not ended since."""
+        """Return whether a node's heartbeat arrived within `SILENT_S` and its process has not ended since."""
         known = self._known.get(incarnation)
         if known is None or now - known.heard_at > SILENT_S:
             return False
         return now - known.heard_at < 2 or not is_gone(known.host, known.pid, self._host)
 
     def any_alive(self, now: float) -> bool:
-        """Return whether anybody else is there."""
+        """Return whether any other node is alive."""
         return any(self.is_alive(incarnation, now) for incarnation in self._known)
 
     def of_role(self, role: str, now: float, run_id: str | None = None) -> list[Neighbour]:
@@ -211,16 +213,16 @@ class Neighbours:
         return [known for known in found if self.is_alive(known.incarnation, now)]
 
     def missing(self, topics: Iterable[tuple[str, str]], run_id: str, now: float, patience: float) -> list[str]:
-        """Return for people which readers of this node's topics are not there, or have not said that it arrives.
+        """Return, as texts for the user, which readers of this node's topics are missing or do not receive them.
 
         Parameters
         ----------
         topics
-            Pairs of topic and the role that has to hear it.
+            Pairs of topic and the role that has to receive it.
         run_id
             The run that the readers must have taken up.
         patience
-            For so long, seconds, a reader need not have said so again.
+            A report of a reader counts for so long, in seconds.
         """
         out = []
         for topic, role in topics:
@@ -232,9 +234,9 @@ class Neighbours:
         return list(dict.fromkeys(out))
 
     def rival(self, role: str, node: str, started: tuple[int, int], single: bool) -> Neighbour | None:
-        """Return a living node that is there instead of us: of our role where that is `single`, else of our name.
+        """Return a living node that started before this one and has its role, if that is `single`, or else its name.
 
-        Of two the one that started later gives way.
+        The node that started later has to end.
         """
         for other in self._known.values():
             same = other.role == role if single else other.node == node

@@ -13,7 +13,7 @@ class PlanState(IntEnum):
 
 
 class BlockState(IntEnum):
-    """Plan.block_states: what has become of a block."""
+    """Plan.block_states."""
 
     OUTSTANDING = 0
     DONE = 1

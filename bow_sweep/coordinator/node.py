@@ -14,7 +14,8 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse
 from sensor_msgs.msg import Image
 
-from bow_sim.graph.node_base import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError, live
+from bow_sim.graph.node_base import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError
+from bow_sim.graph.node_process import run_node
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.identity import random_id
@@ -118,7 +119,7 @@ class CoordinatorNode(BowNode):
                 sweep = Sweep.from_spec(text["preset"], [setting for setting in settings if setting])
                 self._handle(RunGiven(self._create_run(sweep)))
             else:
-                self.become(Health.READY, "waits for a goal on run_sweep")
+                self.set_state(Health.READY, "waits for a goal on run_sweep")
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
         prepare()  # now, while the other nodes start
@@ -184,7 +185,7 @@ class CoordinatorNode(BowNode):
                 self._results[goal] = RunSweep.Result(**values)
                 self._goals.pop(goal).execute()
             case Become(state, detail, run_id):
-                self.become(state, detail, run_id)
+                self.set_state(state, detail, run_id)
             case Log("error", line):  # rclpy wants one line of code for each severity
                 self.get_logger().error(line)
             case Log("warning", line):
@@ -225,7 +226,7 @@ class CoordinatorNode(BowNode):
 
 def main() -> int:
     """Entry point of ``ros2 run bow coordinator``."""
-    return live(CoordinatorNode, description=HELP)
+    return run_node(CoordinatorNode, description=HELP)
 
 
 if __name__ == "__main__":

@@ -151,7 +151,7 @@ def _cut(maps: Maps) -> Finding:
 def _flyback(maps: Maps) -> Finding:
     is_what = {k: playability_of(maps[k])["black_is"].get("streaky", {}) for k in "ce"}
     share = [is_what[k].get("multiple_flyback", 0.0) for k in "ce"]
-    holds = all(mine >= max(0.4, *is_what[k].values()) for k, mine in zip("ce", share, strict=True))
+    holds = all(mine >= max([0.4, *is_what[k].values()]) for k, mine in zip("ce", share, strict=True))
     return Finding("; ".join(f"({k}) {words(is_what[k])}" for k in "ce"), holds, is_what)
 
 

@@ -25,7 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.task import Task
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_base import HEARD, LATCHED, STREAM, WAVES, BowNode
+from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, STREAM, STREAM_WRITER, BowNode
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, LIMIT_BYTES
 from bow_sim.protocol.identity import random_id
@@ -45,7 +45,7 @@ PATIENCE_S = 60.0
 """Limit for the classifier's start and for one chunk; both take much less."""
 
 
-def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
+def classify_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
     """Yield (chunk, fields of Verdicts) as they come, for all chunks that the bag has in order.
 
     Raises
@@ -98,14 +98,14 @@ class _Graph:
         self.states = np.zeros(task.outline.blocks, np.uint8)
         node = self.nodes[0]
         self.plan = node.create_publisher(Plan, "plan", LATCHED)
-        self.streams = {name: node.create_publisher(kind, name, WAVES) for name, kind in KINDS.items()}
-        node.create_subscription(Health, "health", self._on_health, HEARD)
+        self.streams = {name: node.create_publisher(kind, name, STREAM_WRITER) for name, kind in KINDS.items()}
+        node.create_subscription(Health, "health", self._on_health, LATCHED_DEEP)
         for each in self.nodes:
             each.create_subscription(Verdicts, "verdicts", partial(self._on_verdicts, each), STREAM, raw=True)
 
     def _node(self, role: str) -> BowNode:
         node = BowNode(role, namespace=self.namespace, context=self.context)
-        node.become(Health.READY, "replays a bag", self.task.outline.run_id)
+        node.set_state(Health.READY, "replays a bag", self.task.outline.run_id)
         self.executor.add_node(node)
         return node
 
@@ -182,7 +182,7 @@ class _Graph:
                 return
             deadline = time.monotonic() + PATIENCE_S
             while not self.answers:
-                self._spin(deadline, f"block {min(under_way)[0]}, chunk {min(under_way)[1]} is judged")
+                self._spin(deadline, f"block {min(under_way)[0]}, chunk {min(under_way)[1]} is classified")
             while self.answers:
                 values = cdr.unseal("Verdicts", self.answers.popleft())
                 key = (values["block"], values["chunk"])

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import setproctitle
 
-from bow_sim.graph.shm_notes import SUPERVISED, work_off
+from bow_sim.graph.shm_notes import SUPERVISED, remove_leftovers
 from bow_sweep.processes.exit_status import DONE
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
 from bow_sweep.processes.roles import CHILD, MODULES
@@ -149,7 +149,7 @@ class Supervisor:
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
         logs.mkdir(parents=True, exist_ok=True)
-        work_off()
+        remove_leftovers()
         self._logs_before = os.environ.get(ROS_LOGS)
         os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process and of its children
 
@@ -214,7 +214,7 @@ class Supervisor:
 
     def _effective_status(self, child: Child, status: int) -> int:
         """Return the exit status of a child; 0 where it had done its work before."""
-        late = status == -signal.SIGALRM  # DDS did not let it exit, see node_base.LEAVE_S
+        late = status == -signal.SIGALRM  # DDS did not let it exit, see node_process.LEAVE_S
         done = status == UNKNOWN and child.role == "coordinator" and self._finished()
         return DONE if late or done else status
 

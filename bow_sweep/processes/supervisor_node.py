@@ -18,7 +18,8 @@ from rclpy.signals import SignalHandlerOptions
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.graph.diagnosis import network_hints
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_base import HEARD, LATCHED, LEAVE_S, BowNode, end_after, leave
+from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
+from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sweep.processes.interrupts import Interrupts
@@ -67,10 +68,10 @@ class SupervisorNode(BowNode):
         self.closed = False
         self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
         # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
-        self._exits = self.create_publisher(Health, "health", HEARD)
+        self._exits = self.create_publisher(Health, "health", LATCHED_DEEP)
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Plan, "plan", self._on_plan, HEARD, raw=True)
-        self.become(Health.READY)
+        self.create_subscription(Plan, "plan", self._on_plan, LATCHED_DEEP, raw=True)
+        self.set_state(Health.READY)
 
     def _on_map(self, data: bytes) -> None:
         try:
@@ -146,7 +147,7 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
         _with_node(supervisor, display, interrupts)
     finally:
         leave()
-        end_after(0)
+        exit_after(0)
 
 
 def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
@@ -160,7 +161,7 @@ def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts)
         executor.add_node(node)
         _watch(supervisor, node, executor, display, interrupts)
     finally:
-        end_after(LEAVE_S)
+        exit_after(LEAVE_S)
         executor.shutdown()
         if node is not None:
             node.destroy_node()
@@ -225,14 +226,14 @@ def _restart_unresponsive(
     unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # the sweep does not need these
     if needed and unheard >= needed.keys():
         names = ", ".join(child.name for child in needed.values())
-        raise GraphError(f"nothing is heard of {names} for {UNHEARD_S:g} s. Look at: {_hints()}")
+        raise GraphError(f"no heartbeat from {names} for {UNHEARD_S:g} s. Check: {_hints()}")
     for pid in (unheard | watchdog.stuck(now)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
-        why = f"{child.name} is not heard" if pid in unheard else f"{child.name} and the others do not hear each other"
+        why = f"no heartbeat from {child.name}" if pid in unheard else f"{child.name} is not connected to the others"
         too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
         if child.role == "coordinator" or too_often:
-            raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")
+            raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {_hints()}")
         display.print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
     if watchdog.is_stalled(now) and not node.closed:

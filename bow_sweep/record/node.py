@@ -1,28 +1,27 @@
-"""The recorder node: subscribes to everything on the graph of a run, writes it to a bag, and gives receipts.
+"""The recorder node: subscribes to all topics of a run, writes the messages to a bag, and publishes receipts.
 
-A latched `plan` opens the bag of a run and closes it. Streams and verdicts are stored once by identity and answered
-every time; a receipt goes out after its bytes are in the file, and one for every block when all of it is on the disk.
-After a restart the bag goes on in its next file.
+A latched `plan` opens and closes the bag of a run. Messages of streams and verdicts are stored once by identity, and
+answered every time they arrive. A receipt for a chunk is published when its bytes are in the file, and one for a block
+when all of it is on the disk. A recorder that is started again continues the bag in a new file.
 """
 
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from bow_msgs.msg import Health, Receipt
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from bow_sim.graph.node_base import STREAM, BowNode, RCLError, live
+from bow_sim.graph.node_base import STREAM, BowNode
+from bow_sim.graph.node_process import run_node
+from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
-from bow_sim.protocol.authority import Authority
-from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, SILENT_S, Neighbour
+from bow_sim.protocol.neighbours import SILENT_S, Neighbour
 from bow_sim.protocol.states import PlanState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError
@@ -39,24 +38,20 @@ Answers on `receipts` for every chunk and verdict that is in the file.
 """
 
 DEPTH = 1000
-"""Messages kept for us on topics that are not KEEP_ALL."""
-
-RETRY_S = 0.25
-"""Between two tries to publish receipts while a subscriber hangs: publish() itself waits 0.1 s."""
+"""History depth of subscriptions to topics that are not KEEP_ALL."""
 
 COMPLAINTS = 20
-"""Different complaints put in the log at most, for each run: rubbish is counted, not repeated."""
-
+"""Complaints that are logged for each run, at most; further invalid messages are only counted."""
 
 AGAIN_S = 2.0
-"""Between two receipts for a block that is on the disk and not done: the first may have got lost."""
+"""Between two receipts for a block that is on the disk and not done: the first may be lost."""
 
 READERS = (("receipts", "coordinator"),)
-"""Who has to hear what."""
+"""Pairs of topic and the role that has to receive it."""
 
 
 def subscription_qos(qos: Qos) -> QoSProfile:
-    """Return what to ask for on a topic offered with `qos`: what it gives, and room for it."""
+    """Return the quality of service to request on a topic that is offered with `qos`."""
     if qos.history == "keep_all":
         return STREAM
     return QoSProfile(
@@ -74,43 +69,30 @@ class RecorderNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        texts = {
-            "runs_dir": ("runs", "directory of the run directories, each named by its run_id"),
-            "run_dir": ("", "exact run directory, instead of one below runs_dir"),
-        }
-        runs_dir, run_dir = (
-            self.declare_parameter(name, default, ParameterDescriptor(description=what, read_only=True)).value
-            for name, (default, what) in texts.items()
+        runs_dir = self.declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self.declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        self._sync = self.declared(
+            "sync", True, "report a block as stored only when it is on the disk; false: when it is in the file"
         )
-        switches = {
-            "sync": "say that a block is stored only when it is on the disk; false: when it is in the file",
-            "lock": "lock run directories; false: not, for file systems without locks",
-        }
-        self._sync, self._locks = (
-            self.declare_parameter(name, True, ParameterDescriptor(description=what, read_only=True)).value
-            for name, what in switches.items()
-        )
+        self._locks = self.declared("lock", True, "lock run directories; false: not, for file systems without locks")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
-        self._outbox: deque[bytes] = deque()
-        self._try_at = self._last_sent = self._waits_until = self._last_said = 0.0
-        self._authority = Authority(self.works_for)
-        # In the bag a topic has the name that readers look for, also where it is remapped on the graph.
+        self._waits_until = self._answered_again_at = 0.0
+        # Topics have these names in the bag, also if they are remapped on the graph: readers expect them.
         prefix = self.get_namespace().rstrip("/")
         self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
-        self._receipts = self.create_publisher(Receipt, "receipts", STREAM)
+        self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
+        self.subscribe_plan(self._on_plan)
         for topic in TOPICS.values():
-            if topic.name == "receipts":
-                continue  # our own: written as they are made
-            kind = _class_of(topic)
-            taker = self._on_plan if topic.name == "plan" else self._taker(topic, kind)
-            self.create_subscription(kind, topic.name, taker, subscription_qos(topic.qos), raw=True)
+            if topic.name not in ("plan", "receipts"):  # the session writes our receipts
+                kind, qos = _class_of(topic), subscription_qos(topic.qos)
+                self.create_subscription(kind, topic.name, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
-        self.become(Health.READY, "waits for a plan")
+        self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
         checked = topic.name in ("health", "basin_map/image", "diagnostics", "/rosout")
@@ -135,29 +117,24 @@ class RecorderNode(BowNode):
         return take
 
     def _readable(self, topic: Topic, kind: type, data: bytes) -> bool:
-        """Whether a message that has no identity may enter the bag: it is one, and of our namespace."""
+        """Whether a message without identity may enter the bag: it can be decoded, and a log is of this namespace."""
         if topic.name == "/rosout" and not log_name(data).startswith(self._loggers):
             return False
         try:
             deserialize_message(data, kind)
-        except Exception:  # rclpy raises what the type support likes
+        except Exception:  # the type support may raise any exception
             self.health.ignored += 1
             return False
         return True
 
     # ---- the plan opens and closes the bag
 
-    def _on_plan(self, data: bytes) -> None:
-        try:
-            plan = cdr.decode("Plan", data)
-        except cdr.WireError as error:
-            self._complain(f"plan: {error}")
-            return
-        why = self._authority.objection(plan)
-        if why:
-            self.health.ignored += 1
-            self._complain(f"plan: {why}")
-            return
+    def ignore(self, why: str) -> None:
+        """Count a message that does not belong here, and log why."""
+        self.health.ignored += 1
+        self._complain(why)
+
+    def _on_plan(self, plan: dict[str, Any], data: bytes) -> None:
         session = self._session
         if session is not None:
             if (plan["run_id"], plan["sweep_id"]) == (session.expected.run_id, session.expected.sweep_id):
@@ -166,7 +143,7 @@ class RecorderNode(BowNode):
             self._finish(f"run {plan['run_id']} opens")
         self._waiting = None
         if (plan["run_id"], plan["epoch"]) == self._done_with:
-            self._authority.release()
+            self.authority.release()
             self.health.ignored += plan["state"] == PlanState.OPEN
             return
         self._waiting, self._waits_until = (plan, data), self.awake.now() + SILENT_S
@@ -176,31 +153,32 @@ class RecorderNode(BowNode):
         assert self._waiting is not None
         plan, data = self._waiting
         run = str(plan["run_id"])
-        if not self.works_for(plan["incarnation"], run):  # a plan out of a bag, or it has not heard of us yet
+        if not self.works_for(
+            plan["incarnation"], run
+        ):  # the plan is from a bag, or the coordinator has not received our heartbeat yet
             if self.awake.now() > self._waits_until:
                 self._waiting = None
-                self._authority.release()
-                self.health.ignored += 1
-                self._complain(f"plan: run {run}: no living coordinator {plan['incarnation']} that hears this recorder")
+                self.authority.release()
+                self.ignore(f"plan: run {run}: no living coordinator {plan['incarnation']} that hears this recorder")
             return
         self._waiting = None
         try:
-            SweepOutline.of(plan)  # before its run_id names a directory
+            SweepOutline.of(plan)  # checks the run_id before it names a directory
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
-                return  # over before we came
+                return  # the run ended before this recorder started
             session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
             self._waiting = (plan, data)
-            self.become(Health.STARTING, str(error), run)
+            self.set_state(Health.STARTING, str(error), run)
         except AlreadyClosedError as error:
             self._done_with = (run, plan["epoch"])
-            self.become(Health.CLOSED, str(error), run)
+            self.set_state(Health.CLOSED, str(error), run)
         except (BagError, LockError, OSError, ValueError, LookupError) as error:
             self._done_with = (run, plan["epoch"])
             self.get_logger().error(f"run {run} cannot be recorded: {error}")
-            self.become(Health.FAILED, f"cannot record: {error}", run)
+            self.set_state(Health.FAILED, f"cannot record: {error}", run)
         else:
             self._complained = self._counted = 0
             for file in self._session.report["files"]:
@@ -209,15 +187,15 @@ class RecorderNode(BowNode):
                         f"{file['file']} is {file['was']}, {file['did']}: {file['messages']} messages stay; taken out: "
                         f"{', '.join(file['aside']) or 'nothing'}"
                     )
-            self.become(Health.STARTING, f"opened {self._session.bag.path}", run)
+            self.set_state(Health.STARTING, f"opened {self._session.bag.path}", run)
             self._tick()
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Go on at once when the coordinator says that it hears us."""
+        """Continue at once when the coordinator reports that it receives our messages."""
         if message.role == "coordinator" and (self._waiting is not None or self.health.state == Health.STARTING):
             self._tick()
 
-    # ---- time
+    # ---- every 20 ms
 
     def _tick(self) -> None:
         if self._waiting is not None and self._session is None:
@@ -228,31 +206,29 @@ class RecorderNode(BowNode):
         if session.closed:
             self._finish("the plan is closed")
             return
-        if self.awake.now() - self._last_said >= AGAIN_S:
-            self._last_said = self.awake.now()
-            session.say_again()
+        if self.awake.now() - self._answered_again_at >= AGAIN_S:
+            self._answered_again_at = self.awake.now()
+            session.repeat_receipts()
         self._commit(session)
-        self._look(session)
-        self._publish()
+        self._check_readers(session)
 
-    def _look(self, session: Session) -> None:
-        """Be at work as long as the coordinator of this run says that it hears our receipts."""
-        run, starting, now = session.expected.run_id, self.health.state == Health.STARTING, self.awake.now()
-        if now - self._last_sent >= (FIRST_HELLO_S if starting else HELLO_S) and not self._outbox:
-            self._send(session.empty_receipt())
-        if self.is_heard(READERS, run) and starting:
-            self.become(Health.BUSY, f"records to {session.bag.path}")
+    def _check_readers(self, session: Session) -> None:
+        """Be BUSY as long as the coordinator of this run reports that it receives the receipts."""
+        starting = self.health.state == Health.STARTING
+        self._outbox.send_hello(session.empty_receipt)
+        if self.is_heard(READERS, session.expected.run_id) and starting:
+            self.set_state(Health.BUSY, f"records to {session.bag.path}")
 
-    def beat(self) -> None:
+    def publish_health(self) -> None:
         """Publish the state of this node now, with the counts of the open bag."""
         session = getattr(self, "_session", None)
         if session is not None:
             self._count(session)
-        super().beat()
+        super().publish_health()
 
     def _count(self, session: Session) -> None:
         self.health.messages, self.health.bytes = session.messages, session.bytes
-        self.health.duplicates = session.inventory.duplicates
+        self.health.duplicates = session.stored.duplicates
         self.health.ignored, self._counted = self.health.ignored + session.ignored - self._counted, session.ignored
 
     def _commit(self, session: Session) -> None:
@@ -261,32 +237,10 @@ class RecorderNode(BowNode):
         except OSError as error:
             self._fail(session, error)
             return
-        self._send(message)
+        self._outbox.send([message] if message else ())
         for complaint in list(session.complaints):
             self._complain(complaint)
         session.complaints.clear()
-
-    def _send(self, message: bytes | None) -> None:
-        if message is not None:
-            self._outbox.append(message)
-            self._publish()
-
-    def _publish(self) -> None:
-        """Publish the receipts that are due, in order; what cannot go out now waits. Credit bounds how many can."""
-        while self._outbox and time.monotonic() >= self._try_at:
-            try:
-                self._receipts.publish(self._outbox[0])
-            except RCLError as error:
-                self._try_at = time.monotonic() + RETRY_S
-                listeners = self.get_subscriptions_info_by_topic(self._receipts.topic_name)
-                names = ", ".join(sorted({listener.node_name for listener in listeners}))
-                self.get_logger().warning(
-                    f"{len(self._outbox)} receipts wait, one of the subscribers hangs ({names}): {error}",
-                    throttle_duration_sec=5.0,
-                )
-            else:
-                self._outbox.popleft()
-                self._last_sent = self.awake.now()
 
     def _complain(self, complaint: str) -> None:
         self._complained += 1
@@ -294,34 +248,34 @@ class RecorderNode(BowNode):
             self.get_logger().warning(f"ignored: {complaint}")
 
     def _finish(self, why: str) -> None:
-        """Close the bag properly."""
+        """Finish the bag, so that it can be read by its index."""
         session, self._session = self._session, None
         if session is None:
             return
         run = session.expected.run_id
         self._done_with = (run, session.last_plan["epoch"]) if session.closed else ("", 0)
-        self._authority.release()
+        self.authority.release()
         try:
             message = session.close(time.time_ns())
         except OSError as error:
             self._fail(session, error)
             return
-        self._send(message)
+        self._outbox.send([message] if message else ())
         self._count(session)
-        self.become(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
+        self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
     def _fail(self, session: Session, error: OSError) -> None:
-        """Give up a bag that the disk does not take: what was committed stays, no receipt is given any more."""
+        """Give up a bag that cannot be written any more: committed messages stay, no more receipts are published."""
         self._session = None
         self._done_with = (session.expected.run_id, session.last_plan["epoch"])
-        self._authority.release()
+        self.authority.release()
         session.abandon()
         what = f"{session.bag.path}: {error.strerror or error}; nothing more is recorded; make room and resume"
         self.get_logger().error(what)
-        self.become(Health.FAILED, what, session.expected.run_id)
+        self.set_state(Health.FAILED, what, session.expected.run_id)
 
     def close(self) -> None:
-        """Finish the bag; what is still under way is not answered and so will be sent again."""
+        """Finish the bag; chunks still under way get no receipt, so they will be sent again."""
         self._finish("the recorder was told to stop")
 
 
@@ -333,7 +287,7 @@ def _class_of(topic: Topic) -> type:
 
 def main() -> int:
     """Entry point of ``ros2 run bow recorder``."""
-    return live(RecorderNode, description=HELP)
+    return run_node(RecorderNode, description=HELP)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """The dashboard node: shows a sweep in rerun while it runs, and leaves ``dashboard.rrd`` in the run directory.
 
-A latched `plan` opens the recording of a run and finishes it. A dashboard that is started again in the middle of a run
-takes up what its predecessor recorded: there is one file, and it does not lose anything.
+A latched `plan` opens and finishes the recording of a run. A dashboard that is started again during a run continues the
+file of the one before it: there is one file, and nothing in it is lost.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.qos import QoSProfile
 
-from bow_sim.graph.node_base import HEARD, INSPECT, LATCHED, BowNode, StartupError, end_after, live
+from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError
+from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
-from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.view.status_page import Node
 from bow_sweep.view.viewer import Viewer
@@ -38,12 +37,13 @@ gets all that came before; view:=true opens a viewer here.
 """
 
 TICK_S = 0.1
+"""Between two updates of the display."""
 
 EXIT_S = 3
-"""Where the disk is full, rerun waits for its writer as Python ends, for ever: the process is ended after that."""
+"""If the disk is full, rerun waits for its writer for ever when Python exits; SIGALRM ends the process after this."""
 
 INSPECT_DEPTH = 500
-"""A block's chunks come in a burst: what waits here is not lost, though inspection is best effort."""
+"""The chunks of a block arrive in a burst; with this history depth they are kept, though `inspect` is best effort."""
 
 MEMORY = re.compile(r"\d+(\.\d+)?\s?([kMGT]i?)?B|\d+(\.\d+)?%")
 
@@ -53,13 +53,13 @@ class DashboardNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("dashboard")
-        runs_dir = self._declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
-        run_dir = self._declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        runs_dir = self.declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self.declared("run_dir", "", "exact run directory, instead of one below runs_dir")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
-        self._view = self._declared("view", False, "open the live viewer when a sweep opens")
-        self._port = self._declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", 65535)
+        self._view = self.declared("view", False, "open the live viewer when a sweep opens")
+        self._port = self.declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", (0, 65535))
         memory = "what the server keeps for viewers that come late, such as 256MiB, 1GB or 10%"
-        self._memory = self._declared("server_memory", "256MiB", memory)
+        self._memory = self.declared("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
         self._show: Show | None = None
@@ -69,10 +69,9 @@ class DashboardNode(BowNode):
         self._viewer: Viewer | None = None
         self._notes: list[str] = []
         self._nodes: dict[str, Node] = {}
-        self._authority = Authority(self.works_for)
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
+        self.subscribe_plan(self._on_plan)
         for kind, topic, taker, qos in (
-            (Plan, "plan", self._on_plan, HEARD),
             (BasinMap, "basin_map", self._on_map, LATCHED),
             (BridgeForce, "inspect", self._on_inspect, patient),
         ):
@@ -80,16 +79,10 @@ class DashboardNode(BowNode):
         self.every(TICK_S, self._tick)
         from bow_sweep.view import live_run  # noqa: F401  # rerun takes a second to import: now, while the others start too
 
-        self.become(Health.READY, "waits for a plan")
-
-    def _declared(self, name: str, default: Any, what: str, most: int = 0) -> Any:
-        descriptor = ParameterDescriptor(description=what, read_only=True)
-        if most:
-            descriptor.integer_range = [IntegerRange(from_value=0, to_value=most, step=1)]
-        return self.declare_parameter(name, default, descriptor).value
+        self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, name: str, take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
-        """Return what hands the fields of a message on, and counts it; what is no such message is counted apart."""
+        """Return a callback that counts a message and passes its fields on, or ignores it if it is invalid."""
 
         def taker(data: bytes) -> None:
             self.health.messages += 1
@@ -97,21 +90,15 @@ class DashboardNode(BowNode):
             try:
                 take(cdr.unseal(name, data) if name == "BridgeForce" else cdr.decode(name, data))
             except cdr.WireError as error:
-                self._ignore(str(error))
+                self.ignore(str(error))
 
         return taker
 
-    def _ignore(self, why: str) -> None:
-        self.health.ignored += 1
-        self.get_logger().warning(f"ignored: {why}", throttle_duration_sec=1.0)
-
     # ---- the plan opens and finishes the recording
 
-    def _on_plan(self, plan: dict[str, Any]) -> None:
-        why = self._authority.objection(plan)
-        if why:
-            self._ignore(f"plan: {why}")
-            return
+    def _on_plan(self, plan: dict[str, Any], data: bytes) -> None:
+        self.health.messages += 1
+        self.health.bytes += len(data)
         run, epoch = plan["run_id"], plan["epoch"]
         if self._show is not None:
             if run == self._show.run_id:
@@ -128,15 +115,15 @@ class DashboardNode(BowNode):
 
         run = plan["run_id"]
         if not IDENTITY.fullmatch(run):
-            self._ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
+            self.ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
             return
         directory = self._run_dir or self._runs_dir / run
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
-            return  # over before we came, and nobody asked for this very run
+            return  # the run ended before this dashboard started, and was not asked for by its directory
         if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
-            self._ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
+            self.ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
             return
-        self._let_go()
+        self._stop_past_server()
         notes = []
         port = self._port or (free_port() if self._view else 0)
         if port and (problem := port_problem(port)):
@@ -144,7 +131,7 @@ class DashboardNode(BowNode):
             port = 0
         try:
             self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
-        except Exception as error:  # rerun raises what it likes; a sweep goes on without its picture
+        except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
         if port:
@@ -160,12 +147,12 @@ class DashboardNode(BowNode):
             self._on_map(early)
 
     def _become_busy(self) -> None:
-        """Say what is written, and what a user should know."""
+        """Publish which file is written, and the notes for the user."""
         assert self._show is not None
-        self.become(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
+        self.set_state(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
 
     def _open_viewer(self, uri: str) -> list[str]:
-        """Start a viewer; return what a user should know."""
+        """Start a viewer; return notes for the user."""
         if not has_display():
             return [f"{NO_DISPLAY}; where there is one: rerun --connect {uri}"]
         try:
@@ -174,7 +161,7 @@ class DashboardNode(BowNode):
             return [f"no viewer: {error}"]
         return []
 
-    def _look_after_viewer(self) -> None:
+    def _check_viewer(self) -> None:
         if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
             return
         self._viewer = None
@@ -184,7 +171,7 @@ class DashboardNode(BowNode):
             self._become_busy()
 
     def _finish(self, why: str) -> None:
-        """Finish the file and say so."""
+        """Finish the file and publish that."""
         show, self._show = self._show, None
         if show is None:
             return
@@ -195,20 +182,20 @@ class DashboardNode(BowNode):
             return
         self._past, self._over = show, (show.run_id, show.epoch)
         self.health.ignored += show.ignored
-        self.become(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
+        self.set_state(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
 
     def _fail(self, what: str, run: str) -> None:
         self._show = None
         self.get_logger().error(f"nothing more is shown: {what}")
-        self.become(Health.FAILED, what, run)
+        self.set_state(Health.FAILED, what, run)
 
-    def _let_go(self) -> None:
-        """End the server of the run before."""
+    def _stop_past_server(self) -> None:
+        """Stop the server of the run before."""
         if self._past is not None:
             self._past.close()
             self._past = None
 
-    # ---- what is shown
+    # ---- what is displayed
 
     def _on_map(self, values: dict[str, Any]) -> None:
         if self._show is None:
@@ -220,7 +207,7 @@ class DashboardNode(BowNode):
         self._guarded(lambda show: show.inspect(values))
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Note how the nodes are."""
+        """Store the state of a node for the status page."""
         self._nodes[message.node] = Node(
             message.node,
             message.role,
@@ -234,12 +221,12 @@ class DashboardNode(BowNode):
         )
 
     def _tick(self) -> None:
-        self._look_after_viewer()
+        self._check_viewer()
         if self._guarded(lambda show: show.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
     def _guarded(self, do: Callable[[Show], Any]) -> Any:
-        """Do something to the run on show, if there is one; give up showing it where that fails."""
+        """Call `do` with the run on display, if there is one; stop displaying it if that fails."""
         show = self._show
         if show is None:
             return None
@@ -250,15 +237,15 @@ class DashboardNode(BowNode):
             return None
 
     def close(self) -> None:
-        """Finish the file as it is; a dashboard started later takes it up."""
+        """Finish the file as it is; a dashboard that is started later continues it."""
         self._finish("the dashboard was told to stop")
-        self._let_go()
+        self._stop_past_server()
 
 
 def main() -> int:
     """Entry point of ``ros2 run bow dashboard``."""
-    status = live(DashboardNode, description=HELP)
-    end_after(EXIT_S)
+    status = run_node(DashboardNode, description=HELP)
+    exit_after(EXIT_S)
     return status
 
 

@@ -20,7 +20,7 @@ from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.features.slips import Intervals
 from bow_classifier.node import ClassifierNode
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.graph.node_base import LATCHED, STREAM, WAVES, BowNode, RCLError
+from bow_sim.graph.node_base import LATCHED, STREAM, STREAM_WRITER, BowNode, RCLError
 from bow_sim.kernel.block import Block
 from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
@@ -47,15 +47,15 @@ class Graph:
         self.recorder = BowNode("recorder", namespace=NAMESPACE, context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         for node in (self.node, self.recorder):
-            node.become(Health.BUSY, "", RUN)
+            node.set_state(Health.BUSY, "", RUN)
             self.executor.add_node(node)
         self.recorder.create_subscription(Verdicts, "verdicts", partial(self.take, self.recorder), STREAM, raw=True)
         self.verdicts: list[bytes] = []
         self.health: dict[str, Health] = {}
         self.plan = self.node.create_publisher(Plan, "plan", LATCHED)
         self.streams = {
-            "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", WAVES),
-            "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", WAVES),
+            "BridgeForce": self.node.create_publisher(BridgeForce, "bridge_force", STREAM_WRITER),
+            "StickSlip": self.node.create_publisher(StickSlip, "stick_slip", STREAM_WRITER),
         }
         self.node.create_subscription(Verdicts, "verdicts", partial(self.take, self.node), STREAM, raw=True)
         self.node.create_subscription(Health, "health", lambda m: self.health.update({m.role: m}), LATCHED)
@@ -203,19 +203,20 @@ def test_a_verdict_that_cannot_go_out_is_kept_and_the_subscribers_named(ros_doma
 
         listeners = lambda: classifier.get_subscriptions_info_by_topic(Hanging.topic_name)
         graph.until(lambda: {listener.node_name for listener in listeners()} == {"coordinator", "recorder"})
-        monkeypatch.setattr(classifier, "_verdicts", Hanging())
+        outbox = classifier._outbox
+        monkeypatch.setattr(outbox, "_publisher", Hanging())
         monkeypatch.setattr(classifier, "get_logger", Log)
-        classifier._send([b"first"])
-        classifier._send([b"second", b"third"])
+        outbox.send([b"first"])
+        outbox.send([b"second", b"third"])
         assert sent == []
         assert "(coordinator, recorder)" in said[0]
         assert "cannot publish data" in said[0]
         assert len(said) == 1  # the timer tries again; each message does not
-        classifier._publish()
+        outbox.flush()
         assert len(said) == 2
         hangs = False
-        classifier._publish()
-        classifier._send([b"fourth"])
+        outbox.flush()
+        outbox.send([b"fourth"])
         assert sent == [b"first", b"second", b"third", b"fourth"]
     finally:
         classifier.destroy_node()

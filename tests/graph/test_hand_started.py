@@ -61,7 +61,7 @@ def simulators() -> Iterator[list[ByHand]]:
     for one in running:
         one.process.kill()
         one.process.wait()
-    shm_notes.work_off()
+    shm_notes.remove_leftovers()
 
 
 def test_what_a_killed_node_had_goes_when_the_next_one_starts(simulators: list[ByHand]) -> None:

@@ -23,7 +23,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bow_sim.graph.node_base import HEARD
+from bow_sim.graph.node_base import LATCHED_DEEP
 from bow_sweep.record.bag import messages
 from bow_sweep.record.node import _class_of
 from bow_sweep.record.topics import TOPICS
@@ -47,7 +47,7 @@ class Desk:
         self.executor.add_node(self.node)
         self.action = ActionClient(self.node, RunSweep, "run_sweep")
         self.health: dict[int, Health] = {}
-        self.node.create_subscription(Health, "health", lambda m: self.health.update({m.pid: m}), HEARD)
+        self.node.create_subscription(Health, "health", lambda m: self.health.update({m.pid: m}), LATCHED_DEEP)
 
     def start(self, role: str, name: str = "", *arguments: str) -> subprocess.Popen[bytes]:
         """Start a node under a name of the test's."""

@@ -23,11 +23,12 @@ def poison_simulator() -> object:
     from bow_sim.protocol import cdr
 
     class PoisonSimulator(SimulatorNode):
-        def _publish(self, messages: Sequence[bytes]) -> None:
-            super()._publish(messages)
+        def _publish(self, messages: Sequence[bytes]) -> bool:
+            published = super()._publish(messages)
             seen = cdr.identity(cdr.decode("BridgeForce", messages[0]))
             if (seen.block, seen.chunk) == (int(os.environ["POISON_BLOCK"]), CHUNK):
                 die()
+            return published
 
     return PoisonSimulator()
 
@@ -42,9 +43,9 @@ def die() -> None:
 def main() -> int:
     """Be a simulator where ROS arguments say so, else `bow`."""
     if "--ros-args" in sys.argv:
-        from bow_sim.graph.node_base import live
+        from bow_sim.graph.node_process import run_node
 
-        return live(poison_simulator)  # type: ignore[arg-type]
+        return run_node(poison_simulator)  # type: ignore[arg-type]
     from bow_sweep.cli import main as cli
     from bow_sweep.processes import supervisor
 

@@ -213,7 +213,7 @@ class Graph:
     def publish(self, topic: str, data: bytes) -> None:
         if topic == "plan":  # as its coordinator, which is there and works for the run
             plan = {**cdr.decode("Plan", data), "incarnation": self.node.incarnation}
-            self.node.become(NodeState.BUSY, "", plan["run_id"])
+            self.node.set_state(NodeState.BUSY, "", plan["run_id"])
             data = cdr.encode("Plan", plan)
         self.publishers[topic].publish(data)
 
@@ -268,7 +268,7 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     from bow_msgs.msg import BridgeForce, Health, Plan, Receipt, StickSlip, Verdicts
     from rclpy.executors import SingleThreadedExecutor
 
-    from bow_sim.graph.node_base import LATCHED, STREAM, WAVES, BowNode
+    from bow_sim.graph.node_base import LATCHED, STREAM, STREAM_WRITER, BowNode
 
     apply_defaults()
     context = rclpy.Context()
@@ -278,7 +278,7 @@ def graph(directory: Path, domain: int) -> Iterator[Graph]:
     executor.add_node(node)
     made = Graph(directory, node, executor, {**os.environ, "ROS_DOMAIN_ID": str(domain)})
     for name, kind in (("bridge_force", BridgeForce), ("stick_slip", StickSlip), ("verdicts", Verdicts)):
-        made.publishers[name] = node.create_publisher(kind, name, STREAM if kind is Verdicts else WAVES)
+        made.publishers[name] = node.create_publisher(kind, name, STREAM if kind is Verdicts else STREAM_WRITER)
     made.publishers["plan"] = node.create_publisher(Plan, "plan", LATCHED)
     node.create_subscription(Receipt, "receipts", made.on_receipts, STREAM, raw=True)
     node.create_subscription(Health, "health", made.health.append, 100)

@@ -10,7 +10,6 @@ import functools
 import json
 import random
 import shutil
-import threading
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -24,12 +23,15 @@ from material import odd_archive, odd_settings, odd_yaml
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
+from bow_sim import simulator_events
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
 from bow_sim.protocol.neighbours import Neighbours
+from bow_sim.protocol.states import NodeState
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.simulator_session import SimulatorSession
 from bow_sweep.coordinator.resume import prepare
 from bow_sweep.coordinator.session import CoordinatorSession
 from bow_sweep.coordinator.session_events import ReceiptReceived, RunGiven, VerdictsReceived
@@ -178,27 +180,20 @@ class Targets:
 
     def block(self, chance: Chance) -> None:
         """A Block message is one that can be computed, or it is said why not."""
-        from bow_sim.node import Job, SimulatorNode
-
         lines = list(SWEEP.settings()) if chance.random() < 0.7 else []
         settings = [line.replace("\0", "") for line in [*lines, *odd_settings(chance)]]
         count = chance.choice([0, 1, 5, 8, 2000])
         message = {"run_id": "run", "sweep_id": "s", "epoch": 1, "fingerprint": "f", "block": 0, "attempt": 1}
         message |= {"spec.settings": settings, "cells": odd_array(chance, count, np.uint32)}
         message |= {axis: odd_array(chance, count, np.float64) for axis in ("x", "y")}
-        node = SimpleNamespace(health=SimpleNamespace(state=1, detail=""), _run=("run", "s"), _epoch=1, _held=[])
-        node._fingerprint, node._lock = "f", threading.Condition()
-        try:
-            job = SimulatorNode._accept(node, message)  # type: ignore[arg-type]
-        except ValueError as error:
-            assert str(error)
-        else:
-            assert isinstance(job, Job)
+        message |= {"coordinator": "c", "simulator": "s"}
+        session = SimulatorSession("s", "f", lambda *_: True)
+        session.run, session.state = ("run", "s"), NodeState.READY
+        out = session.handle(simulator_events.BlockReceived(message), 0.0)
+        assert session.held == [(0, 1)] or any(isinstance(item, simulator_events.Log) and item.text for item in out)
 
     def answers(self, chance: Chance) -> None:
         """Receipts and verdicts that don't fit are counted by simulator and coordinator, and no more."""
-        from bow_sim.node import SimulatorNode
-
         name = chance.choice(["Receipt", "Verdicts"])
         values = cdr.decode(name, messages()[name])
         for field, kind in cdr.FIELDS[name].items():
@@ -213,11 +208,10 @@ class Targets:
         run.record, run.next_round, run.accounts, run.quarantined = list, lambda _: False, Counter, {}
         session.handle(RunGiven(run), 0.0)
         session.handle(ReceiptReceived(data) if name == "Receipt" else VerdictsReceived(data), 0.0)
-        simulator = SimpleNamespace(health=SimpleNamespace(ignored=0), _run=(recording.RUN, SWEEP.sweep_id))
-        simulator.heard = lambda topic, incarnation: None
-        simulator._lock, simulator._window = threading.Condition(), recording_window()
+        simulator = SimulatorSession("s", "f", lambda *_: True)
+        simulator.run, simulator._window = (recording.RUN, SWEEP.sweep_id), recording_window()
         if name == "Receipt":
-            SimulatorNode._on_receipts(simulator, data)  # type: ignore[arg-type]
+            simulator.handle(simulator_events.ReceiptReceived(cdr.decode(name, data)), 0.0)
 
     def stream(self, chance: Chance) -> None:
         """The classifier judges a chunk or says why not, whatever its numbers are."""

@@ -49,25 +49,27 @@ def test_both_profiles_name_the_same_shared_memory_and_only_one_the_loopback() -
 
 
 def test_a_network_is_a_subnet_or_machines() -> None:
-    assert discovery.asked("subnet") == {discovery.RANGE: "SUBNET"}
-    assert discovery.asked("127.0.0.1, localhost") == {
+    assert discovery.variables_for("subnet") == {discovery.RANGE: "SUBNET"}
+    assert discovery.variables_for("127.0.0.1, localhost") == {
         discovery.RANGE: "LOCALHOST",
         discovery.PEERS: "127.0.0.1;localhost",
     }
     for wrong in ("", "10.0.0.1,,10.0.0.2", "a b", "$(reboot)", "no.such.machine.invalid"):
-        with pytest.raises(discovery.ReachError, match="should be SUBNET, or machines"):
-            discovery.asked(wrong)
+        with pytest.raises(discovery.NetworkError, match="should be SUBNET, or machines"):
+            discovery.variables_for(wrong)
 
 
 def test_the_command_for_other_machines_says_what_they_must_ask_for() -> None:
     end = "bow simulator --ros-args -r __ns:=/bow/a1"
-    assert discovery.joining("/bow/a1", {discovery.RANGE: "SUBNET"}) == f"ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET {end}"
-    assert discovery.joining("/bow/a1", {discovery.RANGE: "SUBNET", "ROS_DOMAIN_ID": "7"}).startswith(
+    assert (
+        discovery.join_command("/bow/a1", {discovery.RANGE: "SUBNET"}) == f"ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET {end}"
+    )
+    assert discovery.join_command("/bow/a1", {discovery.RANGE: "SUBNET", "ROS_DOMAIN_ID": "7"}).startswith(
         "ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET ROS_DOMAIN_ID=7 bow"
     )
-    server = discovery.joining("/bow/a1", {discovery.SERVER: "10.0.0.1:11811"})
+    server = discovery.join_command("/bow/a1", {discovery.SERVER: "10.0.0.1:11811"})
     assert server == f"ROS_DISCOVERY_SERVER=10.0.0.1:11811 ROS_SUPER_CLIENT=TRUE {end}"
-    assert discovery.joining("/bow/a1", {discovery.PEERS: "127.0.0.1"}).startswith("ROS_STATIC_PEERS=")
+    assert discovery.join_command("/bow/a1", {discovery.PEERS: "127.0.0.1"}).startswith("ROS_STATIC_PEERS=")
 
 
 def test_it_is_known_without_ros() -> None:
@@ -76,12 +78,12 @@ def test_it_is_known_without_ros() -> None:
 
 
 def test_messages_are_lent_with_our_profile_where_shared_memory_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_ROOM)
-    assert discovery.defaults({})[discovery.LEND] == "1"
-    assert discovery.LEND not in discovery.defaults({discovery.LEND: "0"})
-    assert discovery.LEND not in discovery.defaults({discovery.PROFILE: "mine.xml"})
-    monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_ROOM - 1)
-    assert discovery.defaults({})[discovery.LEND] == "0"
+    monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_MEMORY_NEEDED)
+    assert discovery.defaults({})[discovery.DATA_SHARING] == "1"
+    assert discovery.DATA_SHARING not in discovery.defaults({discovery.DATA_SHARING: "0"})
+    assert discovery.DATA_SHARING not in discovery.defaults({discovery.PROFILE: "mine.xml"})
+    monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_MEMORY_NEEDED - 1)
+    assert discovery.defaults({})[discovery.DATA_SHARING] == "0"
 
 
 def test_the_middleware_is_told_this_machine_by_our_profile_alone() -> None:

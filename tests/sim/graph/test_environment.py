@@ -117,7 +117,7 @@ def test_a_process_begins_anew_where_its_libraries_were_anothers(foreign: Path) 
     assert done.returncode == 0, done.stderr
     assert str(foreign) not in done.stdout
     assert "/mine" in done.stdout
-    assert "_BOW_STARTED_ANEW" not in done.stdout
+    assert "_BOW_STARTED_AGAIN" not in done.stdout
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])

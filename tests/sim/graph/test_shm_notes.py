@@ -47,7 +47,7 @@ def test_what_a_dead_process_noted_is_removed_with_its_note(
     tmp_path: Path, segment: tuple[Path, Path], dead: int
 ) -> None:
     mine = note(tmp_path, segment[1], pid=dead, since=1)
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert not any(file.exists() for file in (*segment, mine))
 
 
@@ -55,7 +55,7 @@ def test_a_number_that_another_process_has_by_now_is_known_by_its_start(
     tmp_path: Path, segment: tuple[Path, Path]
 ) -> None:
     note(tmp_path, segment[1], pid=os.getpid(), since=1)
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert not any(file.exists() for file in segment)
 
 
@@ -64,11 +64,11 @@ def test_a_process_that_only_waits_to_be_reaped_is_gone(tmp_path: Path, segment:
     since = process_stat.start_of(process.pid)
     assert since
     note(tmp_path, segment[1], pid=process.pid, since=since)
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert segment[0].exists(), "it lives"
     process.kill()
     os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert not segment[0].exists()
     process.wait()
 
@@ -77,9 +77,9 @@ def test_what_somebody_holds_stays_and_the_note_with_it(tmp_path: Path, segment:
     mine = note(tmp_path, segment[1], pid=dead, since=1)
     with open(segment[1]) as held:
         fcntl.flock(held, fcntl.LOCK_SH)
-        shm_notes.work_off(tmp_path)
+        shm_notes.remove_leftovers(tmp_path)
         assert all(file.exists() for file in (*segment, mine))
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert not any(file.exists() for file in (*segment, mine))
 
 
@@ -88,7 +88,7 @@ def test_notes_of_others_are_left_alone(
     tmp_path: Path, segment: tuple[Path, Path], dead: int, whose: dict[str, int]
 ) -> None:
     other = note(tmp_path, segment[1], pid=dead, since=1, **whose)
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert all(file.exists() for file in (*segment, other))
 
 
@@ -105,7 +105,7 @@ def test_a_note_is_no_link_and_names_nothing_but_what_fast_dds_makes(
     note(tmp_path, letter, f"{SEGMENT}/../../../{letter}", "\0", pid=dead, since=2)
     (tmp_path / f"bow_{os.getuid()}_{shm_notes._namespace()}_{dead}_3").mkdir()
     os.mkfifo(tmp_path / f"bow_{os.getuid()}_{shm_notes._namespace()}_{dead}_4")
-    shm_notes.work_off(tmp_path)
+    shm_notes.remove_leftovers(tmp_path)
     assert letter.read_text() == "mine"
     assert all(file.exists() for file in segment), "a link is not followed"
 
@@ -131,7 +131,7 @@ def test_a_note_grows_with_what_the_process_has_and_goes_with_it(
         assert path.name == shm_notes._name(os.getpid())
         assert shm_files.noted(path) == before | {str(segment[1])}
         assert path.stat().st_mode & 0o777 == 0o600
-        shm_notes.work_off(tmp_path)
+        shm_notes.remove_leftovers(tmp_path)
         assert path.exists(), "a living process's"
     mine.close()
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,52 @@
+"""The simulator node carries out what its session decides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import rclpy
+from bow_msgs.msg import Health
+
+from bow_sim.graph.node_base import RCLError
+from bow_sim.node import SimulatorNode
+from bow_sim.protocol import cdr
+from bow_sim.simulator_events import Ignore, RecreatePublishers, Report, SetState
+
+
+@pytest.fixture
+def simulator(ros_domain: int) -> Iterator[SimulatorNode]:
+    rclpy.init()
+    node = SimulatorNode()
+    yield node
+    node.close()
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def test_publishers_that_fail_are_created_again(simulator: SimulatorNode) -> None:
+    class Broken:
+        def publish(self, _: bytes) -> None:
+            raise RCLError("cannot publish data")
+
+    hello = [cdr.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
+    originals = simulator._streams
+    simulator._streams = [Broken(), Broken()]  # type: ignore[list-item]
+    assert not simulator._publish(hello)
+    simulator._streams = originals
+    simulator._to_node.put(RecreatePublishers())
+    simulator._carry_out()
+    assert [publisher.topic_name for publisher in simulator._streams] == ["/bow/bridge_force", "/bow/stick_slip"]
+    assert not set(originals) & set(simulator._streams)
+    assert simulator._publish(hello)
+
+
+def test_the_heartbeat_names_blocks_held_and_refused(simulator: SimulatorNode) -> None:
+    simulator._to_node.put(SetState(Health.READY, "", "r1"))
+    simulator._to_node.put(Ignore("a block of nobody"))
+    simulator._to_node.put(Report(Health.BUSY, "", held=((3, 1), (4, 2)), refused=((5, 1),)))
+    simulator._carry_out()
+    health = simulator.health
+    assert (health.state, health.run_id, health.ignored) == (Health.BUSY, "r1", 1)
+    assert (list(health.held_blocks), list(health.held_attempts)) == ([3, 4], [1, 2])
+    assert (list(health.refused_blocks), list(health.refused_attempts)) == ([5], [1])
