@@ -17,8 +17,8 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.plane import NOT_COMPUTED, Snapshot
 from bow_sweep.maps.playability import playability
 from bow_sweep.maps.terrain import terrain
-from bow_sweep.view.rerun_recording import Board
-from bow_sweep.view.status_page import Node, is_complete, page, playability_page, with_block_states
+from bow_sweep.view.rerun_recording import RunRecording
+from bow_sweep.view.status_page import NodeStatus, is_complete, page, playability_page, with_block_states
 
 FILE = "dashboard.rrd"
 
@@ -40,7 +40,7 @@ IDENTITY = re.compile("[0-9a-f]{16}")
 """A run_id. It becomes the name of a directory, so nothing else is accepted."""
 
 
-class Show:
+class LiveRun:
     """Draws one run into a recording.
 
     Parameters
@@ -50,7 +50,7 @@ class Show:
     plan
         The fields of the Plan that opened the run.
     port, server_memory
-        As for :class:`~bow_sweep.view.rerun_recording.Board`.
+        As for :class:`~bow_sweep.view.rerun_recording.RunRecording`.
     warn
         Called with a line for people where something failed.
     clock
@@ -58,7 +58,7 @@ class Show:
 
     Attributes
     ----------
-    board
+    recording
         The recording.
     drawn, ignored
         Number of maps drawn; number of messages of other runs, or that were not valid.
@@ -83,7 +83,7 @@ class Show:
         self._outline = SweepOutline.of(plan)
         directory.mkdir(parents=True, exist_ok=True)
         empty = with_block_states(Snapshot.empty(self._outline), self._outline, plan["block_states"])
-        self.board = Board(directory / FILE, empty, port, server_memory, warn)
+        self.recording = RunRecording(directory / FILE, empty, port, server_memory, warn)
         self.drawn = self.ignored = 0
         self._plan, self._clock, self._opened = plan, clock, clock()
         self._closing: float | None = None
@@ -134,20 +134,20 @@ class Show:
         if not self._is_mine(values) or max(cells, default=0) >= self._outline.cells:
             self.ignored += 1
             return
-        self.board.waveform(cells, values["first_sample"], values["data"].reshape(len(cells), samples))
+        self.recording.waveform(cells, values["first_sample"], values["data"].reshape(len(cells), samples))
 
-    def tick(self, nodes: Iterable[Node]) -> bool:
+    def tick(self, nodes: Iterable[NodeStatus]) -> bool:
         """Draw what is due; return whether the sweep has ended and nothing more will come."""
         self._draw_if_due()
-        self.board.draw_waveforms()
+        self.recording.draw_waveforms()
         now = self._clock()
         if now - self._status_at >= STATUS_S:
             self._status_at = now
             self._write_status(nodes, "in progress")
-            self.board.flush()
+            self.recording.flush()
         if self._closing is None:
             return False
-        latest = self._with_block_states(self._next or self.board.snapshot)
+        latest = self._with_block_states(self._next or self.recording.snapshot)
         patience = LAST_MAP_S if self.drawn else FIRST_MAP_S
         return is_complete(latest) or now - self._closing > patience
 
@@ -164,7 +164,7 @@ class Show:
     def _draw(self, snapshot: Snapshot) -> None:
         self._next = None
         self.drawn += 1
-        self.board.map(self._with_block_states(snapshot))
+        self.recording.map(self._with_block_states(snapshot))
 
     def _with_block_states(self, snapshot: Snapshot) -> Snapshot:
         return with_block_states(snapshot, self._outline, self._plan["block_states"])
@@ -172,27 +172,27 @@ class Show:
     def _is_mine(self, values: Mapping[str, Any]) -> bool:
         return (values["run_id"], values["sweep_id"]) == (self.run_id, self._outline.sweep_id)
 
-    def _write_status(self, nodes: Iterable[Node], state: str) -> None:
-        snapshot = self._with_block_states(self.board.snapshot)
-        text = page(snapshot, nodes, self._clock(), state, self.board.rate(snapshot.done))
-        if left_out := len(self.board.scope.left_out):
+    def _write_status(self, nodes: Iterable[NodeStatus], state: str) -> None:
+        snapshot = self._with_block_states(self.recording.snapshot)
+        text = page(snapshot, nodes, self._clock(), state, self.recording.rate(snapshot.done))
+        if left_out := len(self.recording.scope.left_out):
             text += f"\nOf the inspected cells {left_out} are not shown: there is no space for more.\n"
-        self.board.account(text)
+        self.recording.status(text)
 
-    def finish(self, nodes: Iterable[Node]) -> None:
+    def finish(self, nodes: Iterable[NodeStatus]) -> None:
         """Draw the last map and finish the file. A server goes on until :meth:`close`."""
-        self._draw(self._next or self.board.snapshot)
+        self._draw(self._next or self.recording.snapshot)
         self._write_status(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
         self._terrain()
-        self.board.finish()
+        self.recording.finish()
 
     def _terrain(self) -> None:
-        shown = self.board.snapshot
+        shown = self.recording.snapshot
         lengths = np.where(shown.mask() == NOT_COMPUTED, np.nan, shown.transient_periods)
         if not np.isnan(lengths).all():
             text = playability_page(playability(lengths, shown.regime, shown.regime_names))
-            self.board.terrain(terrain(lengths), text)
+            self.recording.terrain(terrain(lengths), text)
 
     def close(self) -> None:
         """Close file and server."""
-        self.board.close()
+        self.recording.close()

@@ -19,12 +19,12 @@ from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError
 from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import Neighbour
-from bow_sweep.view.status_page import Node
+from bow_sweep.view.status_page import NodeStatus
 from bow_sweep.view.viewer import Viewer
 from bow_sweep.view.wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
 
 if TYPE_CHECKING:
-    from bow_sweep.view.live_run import Show
+    from bow_sweep.view.live_run import LiveRun
 
 HELP = """
 usage: ros2 run bow dashboard [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
@@ -62,13 +62,13 @@ class DashboardNode(BowNode):
         self._memory = self.declared("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
-        self._show: Show | None = None
-        self._past: Show | None = None  # finished, but still served
+        self._live: LiveRun | None = None
+        self._past: LiveRun | None = None  # finished, but still served
         self._over: tuple[str, int] = ("", -1)
         self._early: dict[str, Any] | None = None  # a map that came before its plan
         self._viewer: Viewer | None = None
         self._notes: list[str] = []
-        self._nodes: dict[str, Node] = {}
+        self._nodes: dict[str, NodeStatus] = {}
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
         self.subscribe_plan(self._on_plan)
         for kind, topic, taker, qos in (
@@ -100,9 +100,9 @@ class DashboardNode(BowNode):
         self.health.messages += 1
         self.health.bytes += len(data)
         run, epoch = plan["run_id"], plan["epoch"]
-        if self._show is not None:
-            if run == self._show.run_id:
-                self._show.plan(plan)
+        if self._live is not None:
+            if run == self._live.run_id:
+                self._live.plan(plan)
                 return
             if plan["state"] != Plan.OPEN:
                 return
@@ -111,7 +111,7 @@ class DashboardNode(BowNode):
             self._open(plan)
 
     def _open(self, plan: dict[str, Any]) -> None:
-        from bow_sweep.view.live_run import FILE, IDENTITY, Show
+        from bow_sweep.view.live_run import FILE, IDENTITY, LiveRun
 
         run = plan["run_id"]
         if not IDENTITY.fullmatch(run):
@@ -130,14 +130,14 @@ class DashboardNode(BowNode):
             notes.append(f"run {run} is not shown live: port {port} {problem}")
             port = 0
         try:
-            self._show = Show(directory, plan, port, self._memory, self.get_logger().warning)
+            self._live = LiveRun(directory, plan, port, self._memory, self.get_logger().warning)
         except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
         if port:
-            notes.append(f"watch the map grow with: rerun --connect {self._show.board.uri}")
+            notes.append(f"watch the map grow with: rerun --connect {self._live.recording.uri}")
         if port and self._view:
-            notes += self._open_viewer(self._show.board.uri)
+            notes += self._open_viewer(self._live.recording.uri)
         for note in notes:
             self.get_logger().info(note)
         self._notes = notes
@@ -148,8 +148,8 @@ class DashboardNode(BowNode):
 
     def _become_busy(self) -> None:
         """Publish which file is written, and the notes for the user."""
-        assert self._show is not None
-        self.set_state(Health.BUSY, NOTE.join([f"writes {self._show.board.path}", *self._notes]), self._show.run_id)
+        assert self._live is not None
+        self.set_state(Health.BUSY, NOTE.join([f"writes {self._live.recording.path}", *self._notes]), self._live.run_id)
 
     def _open_viewer(self, uri: str) -> list[str]:
         """Start a viewer; return notes for the user."""
@@ -162,7 +162,7 @@ class DashboardNode(BowNode):
         return []
 
     def _check_viewer(self) -> None:
-        if self._viewer is None or self._show is None or (problem := self._viewer.ended()) is None:
+        if self._viewer is None or self._live is None or (problem := self._viewer.ended()) is None:
             return
         self._viewer = None
         if problem:
@@ -172,20 +172,20 @@ class DashboardNode(BowNode):
 
     def _finish(self, why: str) -> None:
         """Finish the file and publish that."""
-        show, self._show = self._show, None
-        if show is None:
+        live, self._live = self._live, None
+        if live is None:
             return
         try:
-            show.finish(self._nodes.values())
+            live.finish(self._nodes.values())
         except Exception as error:  # as in _open
-            self._fail(f"{show.board.path}: {error}", show.run_id)
+            self._fail(f"{live.recording.path}: {error}", live.run_id)
             return
-        self._past, self._over = show, (show.run_id, show.epoch)
-        self.health.ignored += show.ignored
-        self.set_state(Health.CLOSED, f"{show.board.path} is finished: {why}", show.run_id)
+        self._past, self._over = live, (live.run_id, live.epoch)
+        self.health.ignored += live.ignored
+        self.set_state(Health.CLOSED, f"{live.recording.path} is finished: {why}", live.run_id)
 
     def _fail(self, what: str, run: str) -> None:
-        self._show = None
+        self._live = None
         self.get_logger().error(f"nothing more is shown: {what}")
         self.set_state(Health.FAILED, what, run)
 
@@ -198,17 +198,17 @@ class DashboardNode(BowNode):
     # ---- what is displayed
 
     def _on_map(self, values: dict[str, Any]) -> None:
-        if self._show is None:
+        if self._live is None:
             self._early = values
         else:
-            self._guarded(lambda show: show.map(values))
+            self._guarded(lambda live: live.map(values))
 
     def _on_inspect(self, values: dict[str, Any]) -> None:
-        self._guarded(lambda show: show.inspect(values))
+        self._guarded(lambda live: live.inspect(values))
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Store the state of a node for the status page."""
-        self._nodes[message.node] = Node(
+        self._nodes[message.node] = NodeStatus(
             message.node,
             message.role,
             message.state,
@@ -222,18 +222,18 @@ class DashboardNode(BowNode):
 
     def _tick(self) -> None:
         self._check_viewer()
-        if self._guarded(lambda show: show.tick(self._nodes.values())):
+        if self._guarded(lambda live: live.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
-    def _guarded(self, do: Callable[[Show], Any]) -> Any:
+    def _guarded(self, do: Callable[[LiveRun], Any]) -> Any:
         """Call `do` with the run on display, if there is one; stop displaying it if that fails."""
-        show = self._show
-        if show is None:
+        live = self._live
+        if live is None:
             return None
         try:
-            return do(show)
+            return do(live)
         except Exception as error:  # as in _open
-            self._fail(f"{show.board.path}: {error}", show.run_id)
+            self._fail(f"{live.recording.path}: {error}", live.run_id)
             return None
 
     def close(self) -> None:

@@ -52,7 +52,7 @@ RATE_WINDOW_S = 2.0
 """Cells per second are averaged over this time."""
 
 
-class Board:
+class RunRecording:
     """A recording that is being written: its file, and a server for viewers if wanted.
 
     An earlier recording of the same run is continued: its contents are copied into the new file first, which then
@@ -266,7 +266,7 @@ class Board:
         self._now(among_samples=True)
         log(f"scope/{trace.name}/curve", rr.LineStrips2D([trace.curve], colors=trace.colour, radii=THIN))
 
-    def account(self, text: str) -> None:
+    def status(self, text: str) -> None:
         """Log the status page, Markdown."""
         self._now(among_samples=True)
         self._record.log("account", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))

@@ -22,7 +22,7 @@ SILENT_S = 5.0
 
 
 @dataclass(frozen=True)
-class Node:
+class NodeStatus:
     """The latest Health message of a node.
 
     Attributes
@@ -62,7 +62,7 @@ def is_complete(snapshot: Snapshot) -> bool:
     return int((snapshot.tests >= tests).sum()) >= snapshot.done
 
 
-def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate: float) -> str:
+def page(snapshot: Snapshot, nodes: Iterable[NodeStatus], now: float, state: str, rate: float) -> str:
     """Return the status page as Markdown.
 
     Parameters
@@ -70,7 +70,7 @@ def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate
     nodes
         All nodes that have sent a Health message.
     now
-        Time on the clock of `Node.heard`.
+        Time on the clock of `NodeStatus.heard`.
     state
         State of the sweep, such as "in progress".
     rate
@@ -142,7 +142,7 @@ def _regimes(snapshot: Snapshot) -> list[str]:
     return [text + ".", "", *_table(("regime", "cells", "share"), rows)]
 
 
-def _nodes(nodes: Iterable[Node], now: float) -> list[str]:
+def _nodes(nodes: Iterable[NodeStatus], now: float) -> list[str]:
     rows = []
     for node in sorted(nodes, key=lambda node: (node.role, node.name)):
         state = STATES.get(node.state, str(node.state))

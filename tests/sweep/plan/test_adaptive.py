@@ -23,13 +23,13 @@ def agreement(terrain: np.ndarray, filled: np.ndarray) -> float:
     return float(np.mean((filled > 0) == (terrain > 0)))
 
 
-def coast(ny: int = 48, nx: int = 64) -> np.ndarray:
+def wavy_boundary(ny: int = 48, nx: int = 64) -> np.ndarray:
     """Black left of a wavy boundary, smooth right of it, and a speckled stripe in the middle."""
     y, x = np.mgrid[:ny, :nx]
-    shore = nx / 3 + 6 * np.sin(y / 7)
-    terrain = np.where(x > shore, 20 + 5 * np.rint((x - shore) / 12), 0).astype(np.float32)
+    edge = nx / 3 + 6 * np.sin(y / 7)
+    terrain = np.where(x > edge, 20 + 5 * np.rint((x - edge) / 12), 0).astype(np.float32)
     speckle = np.random.default_rng(0).random((ny, nx)) < 0.5
-    terrain[(x > shore) & (x < shore + 6) & speckle] = 0
+    terrain[(x > edge) & (x < edge + 6) & speckle] = 0
     return terrain
 
 
@@ -58,7 +58,7 @@ def test_rounds_repeat_no_cell_and_end_within_the_budget(seed: int, fraction: fl
 
 
 def test_a_boundary_is_found_with_a_third_of_the_cells_and_better_than_by_chance() -> None:
-    terrain = coast()
+    terrain = wavy_boundary()
     rounds, seen = play(terrain, 0.33)
     assert agreement(terrain, fill(seen)) > 0.99
     number = sum(len(cells) for cells in rounds)
@@ -69,13 +69,13 @@ def test_a_boundary_is_found_with_a_third_of_the_cells_and_better_than_by_chance
 
 
 def test_simulations_go_to_the_speckle_and_not_to_the_black() -> None:
-    terrain = coast()
+    terrain = wavy_boundary()
     _, seen = play(terrain, 0.33)
     x = np.arange(terrain.shape[1])
     known = ~np.isnan(seen)
     assert known[:, x < 8].mean() < 0.15  # black all around: the first grid and no more
-    shore = 64 / 3 + 6 * np.sin(np.arange(48) / 7)[:, None]
-    assert known[(x > shore) & (x < shore + 6)].mean() > 0.9
+    edge = 64 / 3 + 6 * np.sin(np.arange(48) / 7)[:, None]
+    assert known[(x > edge) & (x < edge + 6)].mean() > 0.9
 
 
 def test_where_all_is_black_the_first_round_is_enough() -> None:
@@ -134,7 +134,7 @@ def test_a_cell_given_up_is_not_tried_again_and_counts_as_not_known() -> None:
 
 
 def test_a_round_depends_only_on_what_is_known() -> None:
-    terrain = coast()
+    terrain = wavy_boundary()
     rounds, _ = play(terrain, 0.4)
     again, _ = play(terrain.astype(np.float64), 0.4)
     assert all(np.array_equal(a, b) for a, b in zip(rounds, again, strict=True))

@@ -10,8 +10,8 @@ from read_rrd import image, rows, verify
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.plane import Snapshot
-from bow_sweep.view.live_run import FIRST_MAP_S, LAST_MAP_S, SPARSE_S, Show
-from bow_sweep.view.status_page import Node, is_complete, page, with_block_states
+from bow_sweep.view.live_run import FIRST_MAP_S, LAST_MAP_S, SPARSE_S, LiveRun
+from bow_sweep.view.status_page import NodeStatus, is_complete, page, with_block_states
 
 OPEN, CLOSED = 1, 2
 
@@ -32,99 +32,99 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def show(tmp_path, clock):
-    shown = Show(tmp_path / "run", plan(), clock=clock)
+def live(tmp_path, clock):
+    shown = LiveRun(tmp_path / "run", plan(), clock=clock)
     yield shown
     shown.close()
 
 
-def node(name: str = "simulator_1", state: int = 2, heard: float = 100.0) -> Node:
-    return Node(f"/bow/{name}", "simulator", state, "block 3", 12, 34_000_000, 1, 90_000_000, heard)
+def node(name: str = "simulator_1", state: int = 2, heard: float = 100.0) -> NodeStatus:
+    return NodeStatus(f"/bow/{name}", "simulator", state, "block 3", 12, 34_000_000, 1, 90_000_000, heard)
 
 
-def test_a_sweep_is_over_when_the_plan_is_closed_and_the_map_is_whole(show, clock):
-    show.map(basin_map(computed=16))
+def test_a_sweep_is_over_when_the_plan_is_closed_and_the_map_is_whole(live, clock):
+    live.map(basin_map(computed=16))
     clock.now += 1
-    assert not show.tick([])
-    show.plan(plan(CLOSED, done=4))
-    assert not show.tick([])  # the last map is still under way
-    show.map(basin_map())
-    assert show.tick([])
-    show.finish([])
-    assert verify(show.board.path) == ""
-    assert rows(show.board.path, "progress/cells_done", "Scalars:scalars")[-1][1] == [32.0]
+    assert not live.tick([])
+    live.plan(plan(CLOSED, done=4))
+    assert not live.tick([])  # the last map is still under way
+    live.map(basin_map())
+    assert live.tick([])
+    live.finish([])
+    assert verify(live.recording.path) == ""
+    assert rows(live.recording.path, "progress/cells_done", "Scalars:scalars")[-1][1] == [32.0]
 
 
-def test_a_finished_map_has_its_terrain_and_its_playability(show):
-    show.map(basin_map())
-    show.finish([])
-    assert set(np.unique(image(show.board.path, "terrain/codes", "SegmentationImage", "u1"))) <= {0, 1, 2, 3, 4}
-    text = rows(show.board.path, "playability", "TextDocument:text")[-1][1][0]
+def test_a_finished_map_has_its_terrain_and_its_playability(live):
+    live.map(basin_map())
+    live.finish([])
+    assert set(np.unique(image(live.recording.path, "terrain/codes", "SegmentationImage", "u1"))) <= {0, 1, 2, 3, 4}
+    text = rows(live.recording.path, "playability", "TextDocument:text")[-1][1][0]
     assert text.startswith("## Playability\nOf 32 cells")
     assert "largest contiguous area" in text
 
 
 @pytest.mark.parametrize(("maps", "patience"), [(0, FIRST_MAP_S), (1, LAST_MAP_S)])
-def test_a_last_map_that_never_comes_is_not_waited_for_long(show, clock, maps, patience):
+def test_a_last_map_that_never_comes_is_not_waited_for_long(live, clock, maps, patience):
     for _ in range(maps):
-        show.map(basin_map(computed=16))
-    show.plan(plan(CLOSED, done=4))
+        live.map(basin_map(computed=16))
+    live.plan(plan(CLOSED, done=4))
     clock.now += patience - 0.01
-    assert not show.tick([])
+    assert not live.tick([])
     clock.now += 0.02
-    assert show.tick([])
+    assert live.tick([])
 
 
-def test_a_sweep_that_is_given_up_does_not_wait_for_what_was_not_computed(show):
-    show.map(basin_map(computed=16))
-    show.plan(plan(CLOSED, done=2))
-    assert show.tick([])
+def test_a_sweep_that_is_given_up_does_not_wait_for_what_was_not_computed(live):
+    live.map(basin_map(computed=16))
+    live.plan(plan(CLOSED, done=2))
+    assert live.tick([])
 
 
-def test_what_came_last_is_drawn_at_the_end_however_fast_it_came(show):
+def test_what_came_last_is_drawn_at_the_end_however_fast_it_came(live):
     for computed in range(4, 33):
-        show.map(basin_map(computed=computed))
-    show.plan(plan(CLOSED, done=4))
-    show.finish([])
-    assert show.drawn < 29
-    assert not np.isnan(image(show.board.path, "map/transient", "DepthImage", "f4")).any()
+        live.map(basin_map(computed=computed))
+    live.plan(plan(CLOSED, done=4))
+    live.finish([])
+    assert live.drawn < 29
+    assert not np.isnan(image(live.recording.path, "map/transient", "DepthImage", "f4")).any()
 
 
-def test_a_long_sweep_gets_a_map_every_few_seconds_only(show, clock):
+def test_a_long_sweep_gets_a_map_every_few_seconds_only(live, clock):
     clock.now += 3600
-    before = show.drawn
+    before = live.drawn
     for tenth in range(600):  # one minute
         clock.now += 0.1
-        show.map(basin_map(computed=tenth % 30))
-        show.tick([])
-    assert 60 / SPARSE_S - 1 <= show.drawn - before <= 60 / SPARSE_S + 1
+        live.map(basin_map(computed=tenth % 30))
+        live.tick([])
+    assert 60 / SPARSE_S - 1 <= live.drawn - before <= 60 / SPARSE_S + 1
 
 
-def test_messages_of_another_run_are_ignored_and_counted(show):
-    show.map(basin_map(run="f" * 16))
-    show.map({**basin_map(), "sweep_id": "other"})
-    show.map({**basin_map(), "slips": np.zeros(3, np.uint16)})
-    show.inspect(cdr.unseal("BridgeForce", inspection([3], 0, run="f" * 16)))
-    show.inspect(cdr.unseal("BridgeForce", inspection([99], 0)))
-    show.plan(plan(CLOSED, epoch=0))
-    show.plan({**plan(CLOSED), "rounds": np.ones(32, np.uint8)})  # the sweep is not adaptive
-    assert show.ignored == 7
-    assert not show.tick([])
-    assert show.board.scope.cells == []
+def test_messages_of_another_run_are_ignored_and_counted(live):
+    live.map(basin_map(run="f" * 16))
+    live.map({**basin_map(), "sweep_id": "other"})
+    live.map({**basin_map(), "slips": np.zeros(3, np.uint16)})
+    live.inspect(cdr.unseal("BridgeForce", inspection([3], 0, run="f" * 16)))
+    live.inspect(cdr.unseal("BridgeForce", inspection([99], 0)))
+    live.plan(plan(CLOSED, epoch=0))
+    live.plan({**plan(CLOSED), "rounds": np.ones(32, np.uint8)})  # the sweep is not adaptive
+    assert live.ignored == 7
+    assert not live.tick([])
+    assert live.recording.scope.cells == []
 
 
-def test_inspected_cells_are_shown(show):
-    show.inspect(cdr.unseal("BridgeForce", inspection([3, 17], 0)))
-    assert show.board.scope.cells == [3, 17]
-    assert show.ignored == 0
+def test_inspected_cells_are_shown(live):
+    live.inspect(cdr.unseal("BridgeForce", inspection([3, 17], 0)))
+    assert live.recording.scope.cells == [3, 17]
+    assert live.ignored == 0
 
 
-def test_accounts_are_written_once_a_second(show, clock):
+def test_accounts_are_written_once_a_second(live, clock):
     for _ in range(50):
         clock.now += 0.1
-        show.tick([node()])
-    show.finish([node()])
-    texts = [value[0] for _, value in rows(show.board.path, "account", "TextDocument:text")]
+        live.tick([node()])
+    live.finish([node()])
+    texts = [value[0] for _, value in rows(live.recording.path, "account", "TextDocument:text")]
     assert 5 <= len(texts) <= 7
     assert "in progress" in texts[0]
     assert "interrupted" in texts[-1]
@@ -132,7 +132,7 @@ def test_accounts_are_written_once_a_second(show, clock):
 
 def test_a_map_costs_a_sweep_next_to_nothing(tmp_path):
     """The budget is 0.3 s of CPU for the fifteen maps of a sweep; busy neighbours may double what is measured."""
-    shown = Show(tmp_path, plan(nx=128, ny=64))
+    shown = LiveRun(tmp_path, plan(nx=128, ny=64))
     maps = [basin_map(128, 64, computed=n * 8192 // 15) for n in range(1, 16)]
     shown.map(maps[0])  # draws the axes
     began = time.process_time()
@@ -198,6 +198,6 @@ def test_a_page_of_nothing_is_a_page():
 
 
 def test_what_a_node_says_of_itself_cannot_break_the_table():
-    rude = Node("/bow/x", "simulator", 9, "a | b\nc", 0, 0, 0, 0, 100.0)
+    rude = NodeStatus("/bow/x", "simulator", 9, "a | b\nc", 0, 0, 0, 0, 100.0)
     text = page(Snapshot.empty(outline()), [rude], 100.0, "in progress", 0.0)
     assert "| x | **9** | a / b c |" in text

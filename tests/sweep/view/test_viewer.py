@@ -16,7 +16,7 @@ from PIL import Image
 
 from bow_sim.protocol import cdr
 from bow_sweep.figures.colours import GREY, transient_colours
-from bow_sweep.view.live_run import Show
+from bow_sweep.view.live_run import LiveRun
 
 NEEDED = "needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1"
 SETTLE_S = 2.0
@@ -34,7 +34,7 @@ def _has_vulkan() -> bool:
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory) -> Path:
     """A finished recording of a small map, some of it pending, with two inspected cells."""
-    show = Show(tmp_path_factory.mktemp("run"), plan(nx=16, ny=8), warn=pytest.fail)
+    show = LiveRun(tmp_path_factory.mktemp("run"), plan(nx=16, ny=8), warn=pytest.fail)
     for computed in (32, 64, 112):
         show._next_draw_at = 0.0
         show.map(basin_map(16, 8, computed))
@@ -42,7 +42,7 @@ def shown(tmp_path_factory) -> Path:
     for chunk in range(20):
         show.inspect(cdr.unseal("BridgeForce", inspection([35, 70], chunk)))
     show.finish([])
-    return show.board.path
+    return show.recording.path
 
 
 @pytest.fixture(scope="module")

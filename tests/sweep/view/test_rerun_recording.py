@@ -1,5 +1,6 @@
 """The recording: what is in the file, also after the process that wrote it was killed."""
 
+import os
 import signal
 import socket
 import subprocess
@@ -15,18 +16,18 @@ from read_rrd import entities, image, rows, verify
 from bow_sim.protocol import cdr
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, Snapshot
-from bow_sweep.view.rerun_recording import Board
+from bow_sweep.view.rerun_recording import RunRecording
 
 
 def snapshot(computed: int | None = None, run: str = RUN) -> Snapshot:
     return Snapshot.from_message(basin_map(computed=computed, run=run)).with_plan(settings(), "fig11d")
 
 
-def board(path: Path, **options) -> Board:
-    return Board(path, Snapshot.empty(outline()), **options)
+def recording(path: Path, **options) -> RunRecording:
+    return RunRecording(path, Snapshot.empty(outline()), **options)
 
 
-def show_waveform(shown: Board, cells: list[int], chunk: int) -> np.ndarray:
+def show_waveform(shown: RunRecording, cells: list[int], chunk: int) -> np.ndarray:
     values = cdr.unseal("BridgeForce", inspection(cells, chunk))
     data = values["data"].reshape(len(cells), -1)
     shown.waveform(cells, values["first_sample"], data)
@@ -39,7 +40,7 @@ def path(tmp_path) -> Path:
 
 
 def test_the_map_is_in_the_file_value_for_value(path):
-    shown = board(path)
+    shown = recording(path)
     shown.map(snapshot(computed=12))
     shown.map(snapshot(computed=20))
     shown.finish()
@@ -62,7 +63,7 @@ def test_the_map_is_in_the_file_value_for_value(path):
 
 
 def test_counts_and_progress_go_on_in_time(path):
-    shown = board(path)
+    shown = recording(path)
     shown.map(snapshot(computed=16))
     shown.map(snapshot())
     shown.finish()
@@ -75,7 +76,7 @@ def test_counts_and_progress_go_on_in_time(path):
 
 
 def test_maps_stand_still_among_the_waveforms(path):
-    shown = board(path)
+    shown = recording(path)
     shown.map(snapshot())
     show_waveform(shown, [3], 0)
     shown.finish()
@@ -84,7 +85,7 @@ def test_maps_stand_still_among_the_waveforms(path):
 
 
 def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
-    shown = board(path)
+    shown = recording(path)
     shown.map(snapshot())
     sent = np.hstack([show_waveform(shown, [3, 17], chunk) for chunk in range(3)])
     show_waveform(shown, [3, 17], 2)  # another attempt
@@ -98,7 +99,7 @@ def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
 
 
 def test_a_lost_chunk_is_a_gap_and_not_a_line(path):
-    shown = board(path)
+    shown = recording(path)
     shown.map(snapshot())
     for chunk in (0, 2):
         show_waveform(shown, [3], chunk)
@@ -109,7 +110,7 @@ def test_a_lost_chunk_is_a_gap_and_not_a_line(path):
 
 
 def test_axes_scales_and_meanings_are_drawn_once(path):
-    shown = board(path)
+    shown = recording(path)
     for _ in range(3):
         shown.map(snapshot())
     shown.finish()
@@ -130,12 +131,12 @@ def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
     script = f"""
         import os, sys
         sys.path[:0] = [{str(Path(__file__).parent)!r}, *{sys.path!r}]
-        from test_board import board, show_waveform, snapshot
+        from test_rerun_recording import recording, show_waveform, snapshot
         from pathlib import Path
-        shown = board(Path({str(path)!r}))
+        shown = recording(Path({str(path)!r}))
         shown.map(snapshot(computed=12))
         show_waveform(shown, [3], 0)
-        shown.account("before")
+        shown.status("before")
         shown.flush()
         os.kill(os.getpid(), {int(signal.SIGKILL)})
     """
@@ -147,11 +148,11 @@ def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
     assert np.isnan(image(path, "map/transient", "DepthImage", "f4")).sum() == 20
     before = rows(path, "counts/pending", "Scalars:scalars")
 
-    shown = board(path)
+    shown = recording(path)
     assert shown.scope.cells == [3]
     shown.map(snapshot())
     show_waveform(shown, [3], 1)
-    shown.account("after")
+    shown.status("after")
     shown.finish()
     assert verify(path) == ""
     after = rows(path, "counts/pending", "Scalars:scalars")
@@ -167,10 +168,10 @@ def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
 
 def test_another_runs_recording_is_put_aside(path):
     other = "f" * 16
-    first = Board(path, Snapshot.empty(outline(other)))
+    first = RunRecording(path, Snapshot.empty(outline(other)))
     first.finish()
     content = path.read_bytes()
-    shown = board(path)
+    shown = recording(path)
     shown.finish()
     assert (path.parent / "dashboard-1.rrd").read_bytes() == content
     assert len(rows(path, "counts/pending", "Scalars:scalars")) == 1
@@ -178,13 +179,13 @@ def test_another_runs_recording_is_put_aside(path):
 
 @pytest.mark.parametrize("damage", ["cut", "rubbish"])
 def test_a_damaged_recording_is_kept_and_complained_about(path, damage):
-    shown = board(path)
+    shown = recording(path)
     shown.map(snapshot(computed=12))
     shown.finish()
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2] if damage == "cut" else b"no recording")
     complaints: list[str] = []
-    shown = board(path, warn=complaints.append)
+    shown = recording(path, warn=complaints.append)
     shown.map(snapshot())
     shown.finish()
     assert verify(path) == ""
@@ -198,11 +199,11 @@ def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhil
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    shown = board(path, port=port)
+    shown = recording(path, port=port)
     assert shown.uri == f"rerun+http://127.0.0.1:{port}/proxy"
     shown.map(snapshot(computed=12))
     shown.map(snapshot())
-    shown.account("the end")
+    shown.status("the end")
     shown.finish()
     assert verify(path) == ""
     got = tmp_path / "got.rrd"
@@ -210,6 +211,7 @@ def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhil
         [sys.executable, "-m", "rerun", "--connect", shown.uri, "--save", str(got)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,  # the viewer is a child of this process
     )
     try:
         deadline = 20.0
@@ -219,7 +221,7 @@ def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhil
             except subprocess.TimeoutExpired:
                 deadline -= 0.5
     finally:
-        viewer.terminate()
+        os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait()
         shown.close()
     assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
@@ -238,7 +240,7 @@ def test_the_server_listens_on_this_machine_only(path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    shown = board(path, port=port)
+    shown = recording(path, port=port)
     try:
         listening = subprocess.run(["ss", "-tlnH"], capture_output=True, text=True, check=False).stdout
         if not listening:
@@ -251,5 +253,5 @@ def test_the_server_listens_on_this_machine_only(path):
 
 def test_a_directory_that_cannot_be_written_is_an_error(tmp_path):
     with pytest.raises((OSError, RuntimeError), match="nowhere"):
-        board(tmp_path / "nowhere" / "dashboard.rrd")
+        recording(tmp_path / "nowhere" / "dashboard.rrd")
     assert list(tmp_path.iterdir()) == []
