@@ -101,12 +101,12 @@ def test_security_that_is_enforced_without_keys_is_refused(tmp_path: Path) -> No
 
 
 def test_another_middleware_is_ignored_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in cleaned(os.environ).items():  # settle() writes them
+    for name, value in cleaned(os.environ).items():  # clean() writes them
         monkeypatch.setenv(name, value)
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    assert "rmw_cyclonedds_cpp is ignored" in environment.settle()
+    assert "rmw_cyclonedds_cpp is ignored" in environment.clean()
     assert "RMW_IMPLEMENTATION" not in os.environ
-    assert environment.settle() == ""
+    assert environment.clean() == ""
 
 
 def test_a_process_begins_anew_where_its_libraries_were_anothers(foreign: Path) -> None:

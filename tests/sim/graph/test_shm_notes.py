@@ -121,7 +121,7 @@ def test_without_shared_memory_there_are_no_notes(tmp_path: Path) -> None:
 def test_a_note_grows_with_what_the_process_has_and_goes_with_it(
     tmp_path: Path, segment: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shm_notes, "LOOK_S", 0.0)
+    monkeypatch.setattr(shm_notes, "UPDATE_S", 0.0)
     monkeypatch.delenv(shm_notes.SUPERVISED, raising=False)
     mine = shm_notes.Note(tmp_path)
     before = shm_files.files_of(os.getpid())
