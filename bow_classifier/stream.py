@@ -1,9 +1,9 @@
-"""The classifier's side of the contract (DESIGN.md): stream messages in, verdict messages out, whoever carries them.
+"""The classifier without ROS (DESIGN.md): stream messages in, verdict messages out.
 
-The node feeds this core from DDS, replay and verify from a bag; it cannot tell. Per block it takes only the next
-expected chunk, from any attempt; an earlier one is answered again as it was answered first; a later one, and whatever
-does not belong to the sweep, is counted and ignored. What it holds is bounded: a block's state goes when the plan says
-that the block is settled, and messages that wait for their other half are at most `AHEAD` chunks ahead.
+The node passes it messages from DDS, replay and verify those of a bag. Of each block it classifies only the next
+expected chunk, from any attempt. An earlier chunk is answered again with the first answer; a later one, and messages
+that do not belong to the sweep, are counted and ignored. Its memory is bounded: the state of a block is deleted when
+the plan reports that the block is settled, and messages wait for their other half only up to `AHEAD` chunks ahead.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from bow_sim.protocol.states import BlockState, PlanState
 from bow_sim.protocol.sweep_outline import SweepOutline
 
 FORCE, SLIP = "BridgeForce", "StickSlip"
-"""The two halves of a chunk."""
+"""The two messages of a chunk."""
 
 AHEAD = 64
-"""Chunks of a block that may wait for their other half: twice a simulator's credit. The two topics are separate
-streams; one can run ahead of the other."""
+"""Chunks of a block that may wait for the message of the other topic: twice as many as a simulator may have under way.
+The topics are delivered separately; one can be ahead of the other."""
 
 COMPLAINTS = 100
-"""Complaints that wait to be fetched, at most; the oldest go first."""
+"""Largest number of complaints kept; the oldest are deleted first."""
 
 
 class Refused(Exception):
-    """A message that does not belong: says why."""
+    """A message is ignored; the text gives the reason."""
 
 
 @dataclass
 class Counts:
-    """What came in since the start: see the message Health. `nondeterministic`: duplicates that differed."""
+    """Counts since the start, as in the message Health; `nondeterministic`: duplicates with other content."""
 
     messages: int = 0
     bytes: int = 0
@@ -52,12 +52,12 @@ class Counts:
 
 class _Half(NamedTuple):
     values: Mapping[str, Any]
-    attempts: list[int]  # all that sent it while it waited: each gets its answer
+    attempts: list[int]  # that sent it while it waited: each gets an answer
 
 
 class _Answer(NamedTuple):
-    checksums: Mapping[str, int]  # of the two messages that were judged
-    values: Mapping[str, Any]  # the Verdicts but for the attempt
+    checksums: Mapping[str, int]  # of the two messages
+    values: Mapping[str, Any]  # of the message Verdicts, without the attempt
 
 
 @dataclass
@@ -72,25 +72,25 @@ class _Block:
 
 
 class Classifier:
-    """Judges the chunks of the sweep in progress.
+    """Classifies the chunks of the sweep in progress.
 
     Parameters
     ----------
     incarnation
-        Of the classifier: goes into its verdicts.
+        Identifies this classifier in its verdicts.
 
     Attributes
     ----------
     task
-        The sweep in progress; None while there is none, or none that can be judged.
+        The sweep in progress; None if there is none, or none that can be classified.
     problem
-        Why the announced sweep cannot be judged; "" if nothing is wrong.
+        Why the announced sweep cannot be classified; "" if nothing is wrong.
     counts
-        What came in.
+        Counts of messages.
     complaints
-        Lines for people on what was ignored, the latest `COMPLAINTS`; take them out with ``popleft``.
+        Why messages were ignored, for the log: the latest `COMPLAINTS` lines; remove them with ``popleft``.
     senders
-        Message name and incarnation of whose messages were taken; clear it when you have looked.
+        Message name and sender's incarnation of the messages taken; the caller clears it after reading.
     """
 
     def __init__(self, incarnation: str) -> None:
@@ -110,7 +110,7 @@ class Classifier:
         self._blocks, self._settled = {}, frozenset()
 
     def settle(self, blocks: Iterable[int]) -> None:
-        """Forget `blocks`, all that are done or given up: their messages are ignored from now on."""
+        """Delete the state of `blocks`, all that are done or given up; their messages are ignored from now on."""
         self._settled = frozenset(blocks)
         for block in self._settled & self._blocks.keys():
             del self._blocks[block]
@@ -161,7 +161,7 @@ class Classifier:
         name
             "BridgeForce" or "StickSlip".
         data
-            The message as CDR bytes. It may be kept, and must not change.
+            The message as CDR bytes; it must not change later, as it may be kept.
         """
         self.counts.messages += 1
         self.counts.bytes += len(data)
@@ -174,13 +174,13 @@ class Classifier:
             if values["chunk"] < block.next:
                 return self._answer_again(name, values, block)
             self._hold(name, values, block)
-            return self._judge_what_is_whole(values["block"], block)
+            return self._classify_complete(values["block"], block)
         except (cdr.WireError, Refused) as error:
             self.complain(f"ignored: {error}")
             return []
 
     def complain(self, text: str) -> None:
-        """Count something that is ignored, and say so."""
+        """Count a message that is ignored, and keep the reason."""
         self.counts.ignored += 1
         self.complaints.append(text)
 
@@ -207,7 +207,7 @@ class Classifier:
         return values
 
     def _compare(self, name: str, values: Mapping[str, Any], first: int) -> None:
-        """Note a duplicate; attempts of a block should give the same bytes."""
+        """Count a duplicate; all attempts of a block should send the same bytes."""
         self.counts.duplicates += 1
         if values["checksum"] != first:
             self.counts.nondeterministic += 1
@@ -217,13 +217,13 @@ class Classifier:
             )
 
     def _answer_again(self, name: str, values: Mapping[str, Any], block: _Block) -> list[bytes]:
-        """Answer a chunk that is already judged, once for its two messages."""
+        """Answer a chunk that is already classified, once for its two messages."""
         answer = block.answers[values["chunk"]]
         self._compare(name, values, answer.checksums[name])
         return [_verdicts(answer, values["attempt"])] if name == SLIP else []
 
     def _hold(self, name: str, values: Mapping[str, Any], block: _Block) -> None:
-        """Keep half a chunk until the other half is there, if no chunk before it is missing on its topic."""
+        """Keep one message of a chunk until the other arrives, if no earlier chunk is missing on its topic."""
         waiting, chunk = block.waiting[name], values["chunk"]
         if chunk in waiting:
             self._compare(name, values, waiting[chunk].values["checksum"])
@@ -234,7 +234,7 @@ class Classifier:
             raise Refused(f"{name} of block {values['block']}, chunk {chunk}: chunk {block.next} comes first")
         waiting[chunk] = _Half(values, [values["attempt"]])
 
-    def _judge_what_is_whole(self, number: int, block: _Block) -> list[bytes]:
+    def _classify_complete(self, number: int, block: _Block) -> list[bytes]:
         out: list[bytes] = []
         while block.classifier and block.next in block.waiting[FORCE] and block.next in block.waiting[SLIP]:
             force = block.waiting[FORCE][block.next].values
@@ -242,11 +242,11 @@ class Classifier:
             window = (len(force["cells"]), force["samples"])
             try:
                 intervals = Intervals(*(slip[name] for name in Intervals._fields))
-                judgement = block.classifier.classify(force["data"].reshape(window), intervals)
-            except ValueError as error:  # this half is wrong; another attempt may bring a right one
+                verdicts = block.classifier.classify(force["data"].reshape(window), intervals)
+            except ValueError as error:  # this message is wrong; another attempt may send a right one
                 self.complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
                 break
-            answer = self._answer(number, block.next, force, slip, judgement._asdict())
+            answer = self._answer(number, block.next, force, slip, verdicts._asdict())
             del block.waiting[FORCE][block.next]
             block.answers.append(answer)
             self.counts.judged += 1
@@ -256,7 +256,7 @@ class Classifier:
         return out
 
     def _answer(
-        self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], judgement: Mapping[str, Any]
+        self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], verdicts: Mapping[str, Any]
     ) -> _Answer:
         assert self.task is not None
         outline = self.task.outline
@@ -270,7 +270,7 @@ class Classifier:
             "chunk_checksum": cdr.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
             "classifier": self.task.thresholds.hash,
             "cells": outline.block(block),
-            **judgement,
+            **verdicts,
         }
         return _Answer(checksums, values)
 

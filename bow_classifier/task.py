@@ -1,4 +1,4 @@
-"""What the classifier needs to know of a sweep in order to judge it."""
+"""What the classifier needs of a sweep: its outline and the thresholds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A sweep and the thresholds to judge it with; these may differ from the announced ones in a replay."""
+    """A sweep and the thresholds to classify it with; in a replay these may differ from the announced ones."""
 
     outline: SweepOutline
     thresholds: Thresholds
@@ -28,7 +28,7 @@ class Task:
         return cls(outline, Thresholds.from_mapping(outline.threshold_settings))
 
     def block_classifier(self, block: int) -> BlockClassifier:
-        """Return a new judge for the chunks of a block: each cell with its own bow speed and bow position."""
+        """Return a new classifier for the chunks of a block; each cell has its own bow speed and bow position."""
         cells = self.outline.block(block)
         speed, bridge = (self.outline.values(name, cells) for name in ("v_b", "bow_bridge"))
         geometry = Geometry.of(self.outline.parameters)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and archives of arrays that are read with care."""
+"""Files that are replaced atomically, and archives of arrays that are read without trusting their headers."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ import numpy as np
 
 MAX_ARRAYS = 64
 MAX_UNPACKED = 1 << 32
-"""Members of an archive, and bytes in all of them, at most."""
+"""Largest number of members of an archive, and of bytes in all of them together."""
 
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[IO[bytes]]:
-    """Give a file to write to; when the block ends well it is on disk and takes the place of `path`, else it is gone.
+    """Yield a file to write to, which replaces `path` if the block ends without an exception.
 
-    Readers see the old file or the new one, never half of it, whatever dies meanwhile.
+    Readers see the old file or the complete new one, even if this process is killed or the machine loses power.
 
     Raises
     ------
     OSError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     path = Path(path)
     aside = path.with_name(f".{path.name}.part")
@@ -45,7 +45,7 @@ def replacing(path: str | Path) -> Iterator[IO[bytes]]:
 
 
 def sync_directory(directory: Path) -> None:
-    """See on the disk which files are in a directory, where its file system can be asked."""
+    """Write the list of a directory's files to disk, if its file system supports that."""
     with contextlib.suppress(OSError):
         descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
@@ -55,14 +55,14 @@ def sync_directory(directory: Path) -> None:
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a NumPy archive; nothing is allocated that the bytes in it do not fill.
+    """Return the arrays of a NumPy archive; no more memory is allocated than the file has data for.
 
     Raises
     ------
     OSError
-        Where there is no such file.
+        If the file cannot be read.
     ValueError
-        Where it is not an archive of plain arrays; says why.
+        If it is not an archive of plain arrays; the message gives the reason.
     """
     arrays: dict[str, np.ndarray] = {}
     with open(path, "rb") as stream:
@@ -82,11 +82,11 @@ _NO_ARCHIVE = (
     *(zipfile.BadZipFile, zlib.error, EOFError, KeyError, TypeError, OverflowError, NotImplementedError),
     *(RuntimeError, SyntaxError, tokenize.TokenError, MemoryError, OSError),  # RuntimeError: an encrypted member
 )
-"""What zipfile and NumPy raise over bytes that are not what they should be, beside ValueError."""
+"""Exceptions of zipfile and NumPy for damaged data, other than ValueError."""
 
 
 def _array(data: bytes) -> np.ndarray:
-    """Return the array in a .npy file, after checking that its header asks for no more than there is."""
+    """Return the array in a .npy file, after checking that its data are as long as its header states."""
     stream: Any = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
@@ -96,9 +96,9 @@ def _array(data: bytes) -> np.ndarray:
     count = 1
     for length in shape:
         count *= length
-    there = len(data) - stream.tell()
-    if dtype.hasobject or min(shape, default=0) < 0 or count * dtype.itemsize != there:
-        raise ValueError(f"an array of {dtype} with shape {shape} in {there} bytes")
+    available = len(data) - stream.tell()
+    if dtype.hasobject or min(shape, default=0) < 0 or count * dtype.itemsize != available:
+        raise ValueError(f"an array of {dtype} with shape {shape} in {available} bytes")
     stream.seek(0)
     array: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
     return array

@@ -147,16 +147,15 @@ def test_the_environment_has_the_share_of_bow(env: ModuleType) -> None:
 
 
 def test_kernels_are_compiled_anew_only_after_an_edit(env: ModuleType) -> None:
-    Path(env.ROOT, "bow_sim/kernel/precompile.py").write_text("")
     record = env.sync(None, tests=False)
     env.commands.clear()
-    env.warm(record)
+    env.precompile(record)
     compiled = list(env.commands)
     assert compiled
-    env.warm(env.read_record())
+    env.precompile(env.read_record())
     assert env.commands == compiled
     Path(env.ROOT, "bow_sim/kernel/block.py").write_text("SAMPLES = 139")
-    env.warm(env.read_record())
+    env.precompile(env.read_record())
     assert env.commands == 2 * compiled
 
 

@@ -1,8 +1,8 @@
 """Makes .venv, the environment of `make sweep` and `make test`: ROS wheels, bow_msgs, bow (editable), compiled kernels.
 
-Run by `make setup` with the system's Python, whatever its version, before anything is installed: standard library
-only. What was installed is written down in .venv/.bow-setup.json at the very end, with a hash of what it was made
-from; a part is made again when that changed.
+`make setup` runs this with the system's Python of any version, before anything is installed: standard library only. At
+the very end .venv/.bow-setup.json records what was installed, with a hash of its inputs; a part is installed again when
+its hash changes.
 """
 
 import argparse
@@ -23,17 +23,17 @@ ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 VENV = os.path.join(ROOT, ".venv")
 PYTHON = os.path.join(VENV, "bin", "python")
 RECORD = os.path.join(VENV, ".bow-setup.json")
-STARTED = os.path.join(VENV, ".bow-setup.started")  # ours, and not finished
+STARTED = os.path.join(VENV, ".bow-setup.started")  # marks an environment of ours that is not finished
 
-# ROS, Python and Numba settings of the caller's shell. They would send this environment's Python to other libraries,
-# or the compiled code elsewhere than beside the sources, where every user of this installation finds it.
+# Variables of ROS, Python and Numba in the caller's shell. With them the Python of .venv would load other libraries, or
+# store compiled code elsewhere than beside the sources, where all users of this installation find it.
 LEAKS = (
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH PYTHONHOME "
     "PYTHONPATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION VIRTUAL_ENV PIP_PREFIX PIP_TARGET PIP_USER "
     "PYTHONWARNINGS NUMBA_CACHE_DIR NUMBA_CACHE_LOCATOR_CLASSES NUMBA_DISABLE_JIT"
 ).split()
 
-# The system's own Python, for those whose python3 is one that was compiled at home.
+# The system's Python, for callers whose python3 is one that they have compiled themselves.
 SYSTEM_PYTHON = "/usr/bin/python3"
 
 # The inputs of each part. Python sources are not among them: the installation is editable.
@@ -56,9 +56,9 @@ def stop(text):
 
 
 def missing_prerequisites(uv):
-    """What this machine lacks, as (what, Debian package)."""
+    """Return what this machine lacks, as (what, Debian package)."""
     version = "python{}.{}".format(*sys.version_info)
-    # Debian's own Python has its parts in packages with the plain name; another one has them under its version.
+    # Packages of Debian's default Python are named python3-*, those of another version python3.X-*.
     package = "python3" if sys.executable.startswith("/usr/bin/") else version
     missing = []
     if not any(shutil.which(name) for name in [os.environ.get("CXX", "g++"), "g++", "clang++"]):
@@ -67,7 +67,7 @@ def missing_prerequisites(uv):
         missing.append(("Python.h, the headers of " + sys.executable, package + "-dev"))
     if not uv:
         try:
-            import ensurepip  # noqa: F401 - only whether it is there
+            import ensurepip  # noqa: F401 - only to see whether it exists
             import venv  # noqa: F401
         except ImportError:
             missing.append(("the modules venv and ensurepip of " + sys.executable, package + "-venv"))
@@ -75,23 +75,23 @@ def missing_prerequisites(uv):
 
 
 def base_python():
-    """The Python below any virtual environment that this one may be in."""
+    """Return the Python on which the virtual environment is based, where this one runs in one."""
     return os.path.realpath(getattr(sys, "_base_executable", None) or sys.executable)
 
 
 def optimised():
-    """Whether this Python was compiled to be fast: a sweep starts a fifth sooner. pyenv does so only if it is told."""
+    """Return whether this Python was compiled with optimisations: a sweep starts 20 % faster. pyenv omits them."""
     known = sysconfig.get_config_var("CONFIG_ARGS") or "--enable-optimizations"
-    return "--enable-optimizations" in known or base_python().startswith("/usr/bin/")  # a distribution's own is
+    return "--enable-optimizations" in known or base_python().startswith("/usr/bin/")  # a distribution's Python is
 
 
 def known_version():
-    """Whether there are ROS wheels for this Python."""
+    """Return whether there are ROS wheels for this Python."""
     return (3, 10) <= sys.version_info[:2] <= (3, 14)
 
 
 def faster_python():
-    """The system's Python, where it is good for .venv and this one is not optimised; None otherwise."""
+    """Return the system's Python, where .venv can use it and this one is not optimised; None otherwise."""
     if optimised() or not os.path.exists(SYSTEM_PYTHON):
         return None
     answer = subprocess.run(
@@ -123,11 +123,11 @@ def check_machine(uv):
         stop("install them and start again:  sudo apt-get install " + " ".join(package for _, package in missing))
 
 
-# --- what is there and what is due ------------------------------------------------------------------------------------
+# --- what is installed and what is due --------------------------------------------------------------------------------
 
 
 def fingerprint(paths):
-    """Hash of names and bytes of files and of whole folders."""
+    """Return the hash of the names and bytes of files, and of all files in folders."""
     digest = hashlib.sha256()
     for path in paths:
         full = os.path.join(ROOT, path)
@@ -144,7 +144,7 @@ def fingerprint(paths):
 
 
 def kernel_stamp():
-    """What Numba's cache depends on: it compares a source file's time and size, and the processor's features."""
+    """Return the hash of what Numba's cache depends on: times and sizes of sources, and the processor's features."""
     files = []
     for room in ("bow_sim", "bow_classifier"):
         found = [os.path.join(base, name) for base, _, names in os.walk(os.path.join(ROOT, room)) for name in names]
@@ -172,7 +172,7 @@ def write_record(record):
     os.replace(part, RECORD)
 
 
-# --- doing it ---------------------------------------------------------------------------------------------------------
+# --- installation -----------------------------------------------------------------------------------------------------
 
 
 def clean_environment():
@@ -198,7 +198,7 @@ def run(command, what):
 
 
 def create(uv, home):
-    """An empty environment; `home` is what the record keeps of the Python and the place it was made for."""
+    """Create an empty environment; `home` is the entry of the record on its Python and its folder."""
     if os.path.lexists(VENV):
         if not (os.path.exists(RECORD) or os.path.exists(STARTED)):
             stop(VENV + " exists, but make setup did not make it. Move it away (or: make clean).")
@@ -221,14 +221,14 @@ def install(uv, arguments, what):
 
 
 def requirements():
-    """What requirements.txt takes from PyPI; its two local lines, ./msg_defs and ., are asked for by name."""
+    """Return the lines of requirements.txt that are on PyPI; ./msg_defs and . are installed separately."""
     with open(os.path.join(ROOT, "requirements.txt")) as file:
         lines = [line.split("#")[0].strip() for line in file]
     return [line for line in lines if line and not line.startswith(".")]
 
 
 def link_share():
-    """The data files of `bow`, which editable installations leave out: links into the sources, so that edits count."""
+    """Link the data files of `bow`, which editable installations omit, to the sources, so that edits take effect."""
     links = {
         "share/ament_index/resource_index/packages/bow": "resource/bow",
         "share/bow/package.xml": "package.xml",
@@ -262,7 +262,7 @@ def sync(uv, tests):
         record = {"home": home, "parts": {}}
     parts = record["parts"]
     if "test tools" in parts and "test tools" not in wanted:
-        wanted["test tools"] = fingerprint(INPUTS["test tools"])  # once there, they follow the others
+        wanted["test tools"] = fingerprint(INPUTS["test tools"])  # once installed, they are kept up to date
     due = [part for part in wanted if parts.get(part) != wanted[part]]
     reused = [part for part in wanted if part not in due]
     if reused:
@@ -271,7 +271,7 @@ def sync(uv, tests):
         say("installing with {}: {}".format("uv" if uv else "pip", ", ".join(due)))
         open(STARTED, "w").close()
         with contextlib.suppress(FileNotFoundError):
-            os.unlink(RECORD)  # from here on an interruption leaves no record, so the next run starts from nothing
+            os.unlink(RECORD)  # if this is interrupted there is no record, and the next run starts anew
         arguments = []
         if "bow_msgs" in due:
             arguments += ["./msg_defs"] + (["--reinstall-package", "bow_msgs"] if uv else [])
@@ -281,7 +281,7 @@ def sync(uv, tests):
             arguments += ["--requirement", "requirements-dev.txt"]
         install(uv, arguments, "installing " + ", ".join(due))
         parts.update(wanted)
-        record.pop("kernels", None)  # what is new there is to be compiled
+        record.pop("kernels", None)  # new libraries may need a new compilation
     link_share()
     write_record(record)
     with contextlib.suppress(FileNotFoundError):
@@ -289,18 +289,16 @@ def sync(uv, tests):
     return record
 
 
-def warm(record):
-    """Compile the kernels once, here, and not in every simulator at the same time."""
-    if not os.path.exists(os.path.join(ROOT, "bow_sim", "kernel", "precompile.py")):
-        return
+def precompile(record):
+    """Compile the kernels once, so that not every simulator compiles them at the same time."""
     stamp = kernel_stamp()
     if record.get("kernels") == stamp:
         say("reusing the compiled kernels")
         return
     run([PYTHON, "-m", "bow_sim.kernel.precompile"], "compiling the kernels")
     run([PYTHON, "-m", "bow_classifier.precompile"], "compiling the classifier")
-    # Seven processes start at every sweep: none shall compile its sources again, whatever the installer left out and
-    # also where PYTHONDONTWRITEBYTECODE is set.
+    # Seven processes start in every sweep. None should have to compile its sources again, even where
+    # PYTHONDONTWRITEBYTECODE is set.
     libraries = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages"))
     sources = ["bow_sim", "bow_classifier", "bow_sweep", *libraries]
     run([PYTHON, "-m", "compileall", "-qq", "-j", "0", *sources], "compiling Python's modules")
@@ -310,10 +308,10 @@ def warm(record):
 
 def main():
     parser = argparse.ArgumentParser(description="Make or refresh .venv.")
-    parser.add_argument("--tests", action="store_true", help="with what `make test` needs")
-    parser.add_argument("--this-python", action="store_true", help="with this very Python, whatever .venv has now")
+    parser.add_argument("--tests", action="store_true", help="also install what `make test` needs")
+    parser.add_argument("--this-python", action="store_true", help="use the Python that runs this, not that of .venv")
     parser.add_argument(
-        "--is-good", action="store_true", help="say by the exit status whether .venv can have this Python"
+        "--is-good", action="store_true", help="exit with 0 if .venv can use this Python, and do nothing else"
     )
     options = parser.parse_args()
     uv = None if os.environ.get("UV") == "no" else shutil.which("uv")
@@ -321,20 +319,20 @@ def main():
         sys.exit(not known_version() or bool(missing_prerequisites(uv)))
     made_with = read_record().get("home", {}).get("python")
     if made_with and made_with != base_python() and not options.this_python and os.path.exists(made_with):
-        os.execv(made_with, [made_with, *sys.argv])  # python3 may have changed its meaning; .venv is good as it is
+        os.execv(made_with, [made_with, *sys.argv])  # python3 may be another one now; .venv is still valid
     faster = None if made_with or options.this_python else faster_python()
     if faster:
         say("{} was compiled without optimisations: taking {} (or: PYTHON=python3)".format(base_python(), faster))
         os.execv(faster, [faster, *sys.argv])
     check_machine(uv)
     os.chdir(ROOT)
-    lock = os.open(ROOT, os.O_RDONLY)  # one set-up at a time; the lock ends with this process
+    lock = os.open(ROOT, os.O_RDONLY)  # one set-up at a time; the lock is released when this process exits
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         say("waiting for another set-up in this folder")
         fcntl.flock(lock, fcntl.LOCK_EX)
-    warm(sync(uv, options.tests))
+    precompile(sync(uv, options.tests))
 
 
 if __name__ == "__main__":

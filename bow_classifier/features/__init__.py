@@ -1,4 +1,4 @@
-"""What is measured on a waveform, one kind of feature a module.
+"""What is measured on a waveform; each module has one kind of feature.
 
 periodicity   the first test: correlation and period
 long_periods  periods of two or three nominal ones, anomalous low frequencies

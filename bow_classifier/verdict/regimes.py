@@ -1,7 +1,16 @@
 """The regimes of a bowed string: code, name, definition and source of each.
 
-The names beyond Helmholtz motion are those of the literature (PHYSICS.md section 9). What is measured is in the other
-modules of this package; :mod:`bow_classifier.verdict.decision` applies the definitions in their order of precedence.
+The names are those of the literature (PHYSICS.md section 9). :mod:`bow_classifier.features` measures what the
+definitions compare; :mod:`bow_classifier.verdict.decision` applies them in their order of precedence.
+
+To add a regime:
+
+1. here a `Definition` at the end of `DEFINITIONS`, a constant with its code, and a rule in :func:`count` if a number
+   belongs to its name;
+2. its rule in :mod:`bow_classifier.verdict.decision`, a new feature in `Features` if the rule needs one;
+3. a row of coefficients in :mod:`bow_classifier.verdict.confidence`, from ``python -m studies.verdicts --fit``, and
+   records of it in ``tests/support/generator.py``;
+4. a colour in ``bow_sweep/view/colours.py``.
 """
 
 from __future__ import annotations
@@ -15,7 +24,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 
 
 class Definition(NamedTuple):
-    """One regime: `name`, what it `means` in terms of the tests, and the `source` of both."""
+    """One regime: its `name`, what it `means` in terms of the features, and the `source` of both."""
 
     name: str
     means: str
@@ -87,7 +96,7 @@ DEFINITIONS = (
         "PHYSICS.md section 9; section III.B on periods not known in advance",
     ),
 )
-"""By code. Codes are in bags: append, never renumber. 255 is kept for "pending"."""
+"""Definitions by code. Bags contain the codes: append, never renumber. 255 is reserved for "pending"."""
 
 REGIMES = tuple(definition.name for definition in DEFINITIONS)
 """Names of the codes in ``Verdicts.regime``."""
@@ -119,7 +128,7 @@ def is_helmholtz(regime: ArrayLike) -> NDArray[np.bool_]:
 def count(
     regime: ArrayLike, period: ArrayLike, slips: ArrayLike, corners: ArrayLike, nominal: float, beta: ArrayLike
 ) -> NDArray[np.uint8]:
-    """Return the number that belongs to a regime's name, from the published fields of a verdict.
+    """Return the number that belongs to a regime's name, from the published fields of verdicts.
 
     Multiple slip: slips a period. Multiple flyback and Raman's higher types: corners a period. Subharmonic and
     anomalous low frequency: the order m. Helmholtz motion, with extra slips or without: 1. The others: 0.
@@ -127,14 +136,14 @@ def count(
     Parameters
     ----------
     regime, period, slips, corners
-        (...) of a verdict; period in samples, counts in a window of five nominal periods.
+        (...) fields of verdicts; period in samples, counts in a window of five nominal periods.
     nominal
         Nominal period N, samples.
     beta
         Bow position, one or (...).
     """
     regime, period = np.asarray(regime), np.asarray(period, np.float64)
-    turns = np.nan_to_num(period / (CHUNK_PERIODS * nominal))  # of the actual period in the window, inverted
+    turns = np.nan_to_num(period / (CHUNK_PERIODS * nominal))  # of the window in one actual period
     order = np.nan_to_num(period / nominal)
     rules = {
         HELMHOLTZ: np.ones(regime.shape),

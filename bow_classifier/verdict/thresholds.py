@@ -1,6 +1,7 @@
-"""The thresholds that decide a verdict.
+"""The thresholds of the verdicts.
 
-Apart from :mod:`bow_classifier.verdict.decision`, which applies them, so that a plan can be made without a compiler.
+They are not in :mod:`bow_classifier.verdict.decision`, which applies them, so that planning a sweep need not import
+Numba.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def _threshold(default: float, low: float, high: float, unit: str, reason: str) 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """The numbers that decide a verdict, free of the model's units: settings ``classifier.NAME`` of a sweep.
+    """The thresholds of the verdicts, in units that no model changes: settings ``classifier.NAME`` of a sweep.
 
     Each field's ``metadata`` holds ``unit``, ``range`` (a
     :class:`bow_sim.physics.parameters.Range`) and the reason as ``doc``.
@@ -35,7 +36,7 @@ class Thresholds:
     Raises
     ------
     ParameterError
-        For a value that is no number or out of its range, named ``classifier.NAME``.
+        If a value is not a number or out of its range; it names ``classifier.NAME``.
     """
 
     correlation: float = _threshold(
@@ -105,14 +106,14 @@ class Thresholds:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, object]) -> Thresholds:
-        """Return thresholds by name over those of ``preset`` (one of `THRESHOLD_PRESETS`, "tuned" where not given).
+        """Return the thresholds of ``preset``, one of `THRESHOLD_PRESETS` ("tuned" unless given), with others by name.
 
         Values may be text.
 
         Raises
         ------
         ParameterError
-            For an unknown name or preset, or a value that cannot be; it names ``classifier.NAME``.
+            If a name or the preset is unknown, or a value wrong; it names ``classifier.NAME``.
         """
         given = {str(key): value for key, value in mapping.items()}
         preset = given.pop("preset", DEFAULT_PRESET)
@@ -126,10 +127,10 @@ class Thresholds:
                     + ", ".join(close)
                 )
         base = dataclasses.asdict(THRESHOLD_PRESETS[preset])
-        return cls(**{**base, **given})  # __post_init__ makes numbers of texts, or refuses
+        return cls(**{**base, **given})  # __post_init__ converts and checks
 
     def settings(self) -> tuple[str, ...]:
-        """Return every threshold as sorted "name=value" texts that read back to an equal object, bit for bit."""
+        """Return every threshold as sorted "name=value" texts, which `from_mapping` reads back bit for bit."""
         return tuple(f"{name}={getattr(self, name)!r}" for name in sorted(_fields()))
 
     @functools.cached_property
@@ -148,7 +149,7 @@ class Thresholds:
         return min(round(self.lag_first * period), period - 1), max(round(self.lag_last * period), period + 1)
 
     def long_lags(self, period: int) -> tuple[int, int]:
-        """Return the first and last of the long lags, in samples: they go on where `lags` end."""
+        """Return the first and last of the long lags, in samples: they begin where `lags` end."""
         first = self.lags(period)[1] + 1
         return first, max(round(self.lag_long * period), first + 1)
 
@@ -176,5 +177,5 @@ THRESHOLD_PRESETS: dict[str, Thresholds] = {
     "tuned": Thresholds(),
     "trial": Thresholds(slip=0.04, corner=0.40),
 }
-"""Named sets of thresholds, chosen by ``classifier.preset``: *tuned* on half of the cells labelled by eye
+"""Named sets of thresholds, set by ``classifier.preset``: *tuned* on half of the cells labelled by eye
 (docs/verdicts.md), *trial* is that of the trial implementation."""

@@ -4,6 +4,6 @@ catalogue  the figures by number
 linear     Figs 2 to 4: impulse responses and modes
 motion     Figs 5 to 8: transients
 control    Figs 9 and 12: friction curves and contours of bow force
-transient  one cell as arrays, picture, sound and words
-page       the page of a line figure, and the file it becomes
+transient  the files of `bow transient`: arrays, picture, sound, and a summary
+page       style, page and file of a line figure
 """

@@ -1,7 +1,7 @@
-"""The paper's figures of one string, 2 to 9 and 12, by number; Figs 10 and 11 are maps and need runs.
+"""The paper's figures of one string, 2 to 9 and 12, by number; Figs 10 and 11 are maps of whole runs.
 
-:func:`figure` draws one, :func:`write` puts it into a file. The data, as arrays, come from the modules beside this:
-`figures_linear` (2 to 4), `figures_motion` (5 to 8) and `figures_control` (9 and 12).
+:func:`figure` draws one, :func:`write` writes it to a file. Data and drawing are in :mod:`bow_sim.figures.linear` (2 to
+4), :mod:`bow_sim.figures.motion` (5 to 8) and :mod:`bow_sim.figures.control` (9 and 12).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FIGURES: dict[int, Callable[[], Figure]] = {
     9: figure_9,
     12: figure_12,
 }
-"""What draws each figure; its docstring says what is in it."""
+"""Number -> function that draws the figure; its docstring describes the figure."""
 
 
 def figure(number: int) -> Figure:
@@ -38,7 +38,7 @@ def figure(number: int) -> Figure:
     Raises
     ------
     FigureError
-        Where the number is none of `FIGURES`.
+        If the number is not in `FIGURES`.
     """
     if number not in FIGURES:
         raise FigureError(f"figure {number}: no line figure of the paper; should be one of {_listed()}")
@@ -46,14 +46,14 @@ def figure(number: int) -> Figure:
 
 
 def write(number: int, path: str | Path) -> None:
-    """Draw a figure of the paper into a file; the suffix, .png, .svg or .pdf, decides its kind.
+    """Draw a figure of the paper and write it to a file; the suffix, .png, .svg or .pdf, sets the format.
 
     Raises
     ------
     FigureError
-        For another number or suffix.
+        If the number is not in `FIGURES`, or the suffix is another one.
     OSError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     check_path(path)
     save(figure(number), path)

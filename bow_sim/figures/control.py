@@ -14,7 +14,7 @@ from bow_sim.physics.friction import sliding_coefficient
 from bow_sim.physics.parameters import Parameters
 
 V_MIDS = (-2.0, 0.2, 0.9)
-"""String speeds where friction is midway, of the curves of Fig 9 in its caption's order."""
+"""String speeds at which friction is midway: the curves of Fig 9, in the order of its caption."""
 
 SPEEDS = (-6.0, 2.0)
 """String velocities in Fig 9, bow speed 1."""
@@ -27,14 +27,14 @@ CONTOURS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 
 
 class FrictionCurve(NamedTuple):
-    """One curve of Fig 9: a pair of arrays, (points,), that runs down the sliding branch, through sticking, and on.
+    """One curve of Fig 9, arrays of shape (points,): sliding branch, sticking, and the other sliding branch.
 
     Parameters
     ----------
     v : ndarray
         String velocity, bow speed 1.
     mu : ndarray
-        Friction force over bow force; positive where the bow drags the string along.
+        Friction force over bow force; positive where the bow pulls the string forward.
     """
 
     v: NDArray[np.float64]
@@ -54,7 +54,7 @@ def friction_curve(v_mid: float, low: float = SPEEDS[0], high: float = SPEEDS[1]
 
 
 def contour(f_init: float, points: int = 400) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a line of Fig 12, on which bow force starts at `f_init`, within the axes.
+    """Return a contour of Fig 12, on which bow force starts at `f_init`, within the axes.
 
     Returns
     -------
@@ -75,12 +75,12 @@ def figure_9() -> Figure:
         rf"rectangular hyperbola between $\mu_s$ = {p.mu_s:g} on the point of sticking and $\mu_d$ = {p.mu_d:g} at "
         rf"high slip speed  ·  dots: $\mu$ is midway at $v_\mathrm{{mid}}$"
     )
-    looks = zip(V_MIDS, ("-", "--", "-."), (BLUE, ORANGE, GREEN), strict=True)
+    curves = zip(V_MIDS, ("-", "--", "-."), (BLUE, ORANGE, GREEN), strict=True)
     with style():
         page = Page(4.2, "Fig 9  Friction curves", caption)
         (axis,) = page.panels(1)
         axis.axhline(0, color=MUTED, lw=0.4)
-        for v_mid, line, colour in looks:
+        for v_mid, line, colour in curves:
             curve = friction_curve(v_mid)
             name = rf"$v_\mathrm{{mid}}$ = {v_mid:g}".replace("-", "−")
             for side in (curve.v < p.v_b, curve.v > p.v_b):
@@ -125,7 +125,7 @@ def figure_12() -> Figure:
 
 
 def _name(axis: Any, force: float) -> None:
-    """Write the force on its line, as high as the line goes short of the frame."""
+    """Write the force on its contour: at ratio 1 if the contour reaches it, else near the other end."""
     ratio = 1.0 if F_ASYM[0] * 1.15 < force < F_ASYM[1] / 1.15 else (0.42 if force < 1 else 1.78)
     axis.text(
         force / ratio, ratio, f"{force:g}", fontsize=8, color=BLUE, ha="center", va="center",

@@ -14,7 +14,7 @@ from bow_sim.physics.modes import Modes, torsional_response, transverse_modes, t
 from bow_sim.physics.parameters import Parameters
 
 PERIODS = 5
-"""Length of Fig 2 in nominal periods: the paper shows "the first few"."""
+"""Length of Fig 2, nominal periods; the paper shows "the first few"."""
 
 OVERTONES = 30
 """Modes in Figs 3 and 4."""
@@ -37,13 +37,13 @@ class Responses(NamedTuple):
 
 
 def models() -> tuple[Parameters, Parameters]:
-    """Return the delta/Cremer and the stiff/Cremer model as section III.A has them."""
+    """Return the delta/Cremer and the stiff/Cremer model of section III.A."""
     return Parameters(model="delta_cremer"), Parameters(model="stiff_cremer")
 
 
 @functools.cache
 def responses(samples: int | None = None) -> Responses:
-    """Return the data of Fig 2, five nominal periods unless told."""
+    """Return the data of Fig 2; five nominal periods if `samples` is None."""
     delta, stiff = models()
     count = PERIODS * delta.period if samples is None else samples
     return Responses(
@@ -62,7 +62,7 @@ def transverse() -> tuple[Modes, Modes]:
 
 
 def figure_2() -> Figure:
-    """Fig 2: the beginning of g(t), transverse in both models and torsional, on one time scale."""
+    """Fig 2: the start of g(t), of transverse waves in both models and of torsional waves, on one time axis."""
     data = responses()
     p, stiff = models()
     rows = (
@@ -82,8 +82,8 @@ def figure_2() -> Figure:
             axis.plot(np.arange(len(g)), g, lw=0.8, color=colour)
             axis.set_title(title, loc="left")
             axis.set_ylabel("$g(t)$")
-            room = float(np.ptp(g))
-            axis.set_ylim(float(g.min()) - 0.08 * room, float(g.max()) + 0.08 * room)
+            margin = 0.08 * float(np.ptp(g))
+            axis.set_ylim(float(g.min()) - margin, float(g.max()) + margin)
         axes[-1].set(xlim=(-6, PERIODS * p.period), xlabel="time (samples)")
         axes[-1].set_xticks(np.arange(0, PERIODS * p.period, 100))
         axes[-1].set_xticks(np.arange(0, PERIODS * p.period, 20), minor=True)
@@ -96,7 +96,7 @@ def figure_2() -> Figure:
 
 
 def _markers(axis: Any, delta: NDArray[np.float64], stiff: NDArray[np.float64], first: str, second: str) -> None:
-    """Draw both models over mode number; `first` and `second` are their markers in the paper's caption."""
+    """Draw a quantity of both models over mode number; `first` and `second` are the markers of the paper."""
     number = np.arange(1, len(delta) + 1)
     axis.plot(number, stiff, second, ms=4.6, mfc="none", mec=ORANGE, mew=1.0, label="stiff/Cremer")
     axis.plot(number, delta, first, ms=4.6, mfc="none", mec=BLUE, mew=1.0, label="delta/Cremer")
@@ -121,7 +121,7 @@ def _caption() -> str:
 
 
 def _power(number: float) -> str:
-    """Write a small number as people do: 5 times 10 to the -5."""
+    """Return a small number as a power of ten, in mathtext: 5e-05 as 5 times 10 to the -5."""
     mantissa, _, exponent = f"{number:.3g}".partition("e")
     return mantissa if not exponent else rf"${mantissa} \times 10^{{{int(exponent)}}}$"
 

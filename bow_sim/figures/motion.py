@@ -1,7 +1,7 @@
-"""Figures 5 to 8 of the paper: one transient of the delta/Cremer model, and another that parts from it.
+"""Figures 5 to 8 of the paper: one transient of the delta/Cremer model, and a second one that diverges from it.
 
-Data first, drawing second: :func:`motion`, :func:`steady` and :func:`parting` give what is drawn, arrays over
-samples in the units of the paper's Appendix (bow speed 1).
+:func:`motion`, :func:`steady` and :func:`parting` return the data, arrays over samples in the units of the paper's
+Appendix (bow speed 1); the rest draws them.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ BOX = 1200
 """Samples in one of the two boxes of Figs 5, 7 and 8 (caption of Fig 5)."""
 
 STEADY_PERIODS = 100
-"""After so many nominal periods the motion of Fig 6 has long repeated itself (section III.B: it takes some 16)."""
+"""Nominal periods after which the motion of Fig 6 is periodic (section III.B: that takes about 16)."""
 
 CYCLES = 3
 """Cycles in Fig 6."""
 
 
 class Motion(NamedTuple):
-    """One transient. Arrays are (samples,), float64 but for `slipping`, bool.
+    """One transient. Arrays are (samples,), float64, and `slipping` is bool.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def motion(force: float = FORCE, periods: int = STEADY_PERIODS) -> Motion:
     Parameters
     ----------
     force : float
-        Bow force, in ``v_b`` impedance as everywhere.
+        Bow force, in units of ``v_b`` times impedance.
     periods : int
         Length in nominal periods, a multiple of five.
     """
@@ -94,10 +94,11 @@ def slips(slipping: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def parting(slipping: NDArray[np.bool_], other: NDArray[np.bool_]) -> int | None:
-    """Return the sample at which two motions first take different stick/slip decisions, or None.
+    """Return the sample at which two motions first differ in whether they slip, or None.
 
-    The same decision may fall a few samples apart without the motions parting. A different one is a slip of the
-    one during all of which the other sticks (section III.C: "Fig. 5 shows a slip while Fig. 8 continues to stick").
+    A slip may begin or end some samples earlier in one of them; that is no difference. The motions differ at a slip of
+    one of them during all of which the other sticks (section III.C: "Fig. 5 shows a slip while Fig. 8 continues to
+    stick").
 
     Parameters
     ----------
@@ -119,12 +120,12 @@ def parting(slipping: NDArray[np.bool_], other: NDArray[np.bool_]) -> int | None
 
 
 def steady(cycles: int = CYCLES) -> tuple[int, Motion]:
-    """Return the end of the motion of Fig 5, that of Fig 6: whole cycles that begin half way between two slips.
+    """Return the end of the motion of Fig 5, shown in Fig 6: whole cycles that begin half way between two slips.
 
     Returns
     -------
     first : int
-        Sample of the whole transient with which the arrays begin.
+        The sample of the whole transient at which the arrays begin.
     Motion
         Arrays of ``cycles`` nominal periods.
     """
@@ -151,7 +152,7 @@ def _caption(m: Motion, more: str = "") -> str:
 
 
 def _in_boxes(page: Page, m: Motion, name: str, label: str, low: float, high: float) -> list[Any]:
-    """Draw the first 2400 samples of a waveform, half in each of two boxes; samples count from 1, as the paper's."""
+    """Draw the first 2400 samples of a waveform in two boxes of 1200; samples count from 1, as in the paper."""
     waveform = getattr(m, name)
     axes = page.panels(2, sharey=True)
     for box, axis in enumerate(axes):
@@ -171,7 +172,7 @@ def _in_boxes(page: Page, m: Motion, name: str, label: str, low: float, high: fl
 
 
 def _point(axes: list[Any], sample: int, low: float, words: str) -> None:
-    """Draw the paper's arrow from below at a sample."""
+    """Draw an arrow from below to a sample, as in the paper."""
     axis = axes[sample // BOX]
     place = axis.get_ylim()
     axis.annotate(
@@ -207,7 +208,7 @@ def _velocity(number: int, m: Motion, words: str) -> Figure:
 
 
 def figure_5() -> Figure:
-    """Fig 5: surface velocity over the first 2400 samples, bow force 5.5, with the place where 5.3 parts from it."""
+    """Fig 5: surface velocity over the first 2400 samples, bow force 5.5; marked where the motion of 5.3 differs."""
     return _velocity(5, motion(), "samples 1–1200 above, 1201–2400 below")
 
 
@@ -221,10 +222,10 @@ def figure_7() -> Figure:
     m, sample = motion(), _parted()
     shown = m.v_h[: 2 * BOX]
     low, high = float(shown.min()), float(shown.max())
-    room = high - low
+    span = high - low
     with style():
         page = Page(4.6, "Fig 7  Incident velocity, the sum of the waves that arrive at the bow", _caption(m))
-        axes = _in_boxes(page, m, "v_h", r"incident velocity  $v_h$", low - 0.22 * room, high + 0.06 * room)
+        axes = _in_boxes(page, m, "v_h", r"incident velocity  $v_h$", low - 0.22 * span, high + 0.06 * span)
         for axis in axes:
             for level, name in ((m.v_1, "$v_1$"), (m.v_2, "$v_2$")):
                 axis.axhline(level, color=ORANGE, lw=0.9, ls=(0, (5, 3)))
@@ -237,7 +238,7 @@ def figure_7() -> Figure:
 
 
 def figure_6() -> Figure:
-    """Fig 6: three cycles of the periodic motion that the transient of Fig 5 becomes, in three waveforms."""
+    """Fig 6: three cycles of the periodic motion at the end of the transient of Fig 5, in three waveforms."""
     first, m = steady()
     rows = (
         ("v", r"surface  $v$", "(a)  velocity of the string's surface"),
@@ -265,18 +266,18 @@ def figure_6() -> Figure:
 
 
 def _explain_sawtooth(axis: Any, m: Motion) -> None:
-    """Name flyback and ripples below the bridge force."""
+    """Label flyback and ripples in the panel of the bridge force."""
     force, period, ripple = m.bridge_force, m.parameters.period, m.parameters.bow_bridge
     high, low = float(force.max()), float(force.min())
-    room = high - low
+    span = high - low
     note: Any = {"fontsize": 7.5, "color": MUTED}
     fly = int(np.argmin(np.diff(force[:period])))
     line = {"arrowstyle": "-", "color": MUTED, "lw": 0.6, "shrinkA": 1, "shrinkB": 2}
-    axis.annotate("flyback", (fly + 0.5, low + 0.35 * room), (fly - 8, low + 0.2 * room), ha="right", va="center",
+    axis.annotate("flyback", (fly + 0.5, low + 0.35 * span), (fly - 8, low + 0.2 * span), ha="right", va="center",
                   arrowprops=line, **note)  # fmt: skip
     middle = fly + period // 2
     step = middle - ripple + int(np.argmax(np.diff(force[middle - ripple : middle + 1])))
-    level = float(force[step : step + ripple].min()) - 0.1 * room
+    level = float(force[step : step + ripple].min()) - 0.1 * span
     bar = {**line, "arrowstyle": "|-|,widthA=0.25,widthB=0.25", "shrinkA": 0, "shrinkB": 0}
     axis.annotate("", (step, level), (step + ripple, level), arrowprops=bar)
-    axis.text(step, level - 0.05 * room, f"Schelleng ripple:\n{ripple} samples", va="top", **note)
+    axis.text(step, level - 0.05 * span, f"Schelleng ripple:\n{ripple} samples", va="top", **note)

@@ -1,4 +1,4 @@
-"""Paper for line figures: the house's print style, a page with its title and caption, and the file it becomes."""
+"""Line figures in print: the style, a page with title and caption, and the file."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ STYLE: Any = {
     "svg.hashsalt": "bow",
     "pdf.fonttype": 42,
 }
-"""The print style of all figures, the maps of `bow_sweep.view` too."""
+"""The print style of all figures, also of the maps of `bow_sweep.view`."""
 
 MUTED = "0.35"
 BLUE, ORANGE, GREEN = "#1f4e79", "#c8551b", "#00795a"
-"""One waveform is blue; a second and a third are orange and green: they differ in lightness too."""
+"""Colours of a first, second and third waveform; they differ in lightness too, for prints without colour."""
 
 DPI = 200
 INCHES = 7.2
-"""Width of a page."""
+"""Width of a page, inches."""
 
 METADATA: dict[str, dict[str, None]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
-"""Kinds of pictures, and what is left out of each file so that the same figure gives the same bytes."""
+"""File formats, and the metadata left out of each, so that the same figure gives the same bytes."""
 
 _MARGIN, _TOP = 0.12, 0.58
 
 
 class FigureError(ValueError):
-    """A figure that there is not, or a file that it cannot become; says which and what would do."""
+    """There is no such figure or file format; the message lists the right ones."""
 
 
 class Page:
@@ -57,9 +57,9 @@ class Page:
     height : float
         Inches of the whole page.
     title : str
-        Which figure of the paper, and of what.
+        Number of the figure and what it shows, with two spaces between them.
     caption : str
-        Parameters, one line.
+        Parameters, in one line.
     """
 
     def __init__(self, height: float, title: str, caption: str) -> None:
@@ -73,23 +73,23 @@ class Page:
         self.figure.text(y=1 - 0.46 / height, s=caption, fontsize=7.8, color=MUTED, **at)
 
     def panels(self, rows: int, **options: Any) -> list[Any]:
-        """Return one column of axes, top to bottom."""
+        """Return axes below each other, from top to bottom."""
         grid = self.figure.subplots(rows, 1, squeeze=False, **options)
         return [axis for (axis,) in grid]
 
 
 def style() -> Any:
-    """Return the settings of print, a context for as long as a figure is built or written."""
+    """Return a context with the print style, in which figures are drawn and written."""
     return mpl.rc_context(STYLE)
 
 
 def check_path(path: str | Path) -> Path:
-    """Return the path of a picture.
+    """Return the path of a picture file.
 
     Raises
     ------
     FigureError
-        For another suffix than .png, .svg and .pdf.
+        If the suffix is not .png, .svg or .pdf.
     """
     place = Path(path)
     if place.suffix.lower() not in METADATA:
@@ -99,19 +99,19 @@ def check_path(path: str | Path) -> Path:
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure; the suffix decides its kind. Readers see the old file or the new one, never half of it.
+    """Write a figure; the suffix sets the format. Other processes see the old file or the complete new one.
 
     Raises
     ------
     FigureError
-        For another suffix than .png, .svg and .pdf.
+        If the suffix is not .png, .svg or .pdf.
     OSError
-        Where the file cannot be written.
+        If the file cannot be written.
     """
     place = check_path(path)
     kind = place.suffix.lower()
     options: Any = {"format": kind[1:], "dpi": figure.dpi, "metadata": METADATA[kind]}
     if kind == ".png":
-        options["pil_kwargs"] = {"compress_level": 1}  # a third less time, for a tenth more bytes
-    with style(), replacing(place) as file:  # the salt of an .svg's identifiers is read now
+        options["pil_kwargs"] = {"compress_level": 1}  # takes a third less time and a tenth more bytes
+    with style(), replacing(place) as file:  # svg.hashsalt is read here
         figure.savefig(file, **options)

@@ -1,4 +1,4 @@
-"""`bow transient`: the waveforms of one cell as arrays, picture, sound and words."""
+"""The files of `bow transient`: the waveforms of one cell as arrays, picture and sound, and a summary."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Waveforms = Mapping[str, np.ndarray]
 
 
 def describe(parameters: Parameters, waveforms: Waveforms) -> str:
-    """Return in a line or two what became of the transient."""
+    """Return a summary of the transient, in a line."""
     onset = regular_from(waveforms["slipping"], parameters.period)
     slips = len(slip_onsets(waveforms["slipping"]))
     begin = f"{parameters.model}, {len(waveforms['v'])} samples, {slips} slips: "
@@ -28,14 +28,14 @@ def describe(parameters: Parameters, waveforms: Waveforms) -> str:
 
 
 def save_npz(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
-    """Write the waveforms and the settings as a NumPy archive, whole or not at all."""
+    """Write the waveforms and the settings as a NumPy archive."""
     arrays: dict[str, Any] = {"settings": np.array(parameters.settings()), **waveforms}
     with replacing(path) as file:
         np.savez_compressed(file, **arrays)
 
 
 def save_wav(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
-    """Write the bridge force as 16-bit sound at the simulation's sampling rate, loudest sample at full scale."""
+    """Write the bridge force as 16-bit sound at the simulation's sample rate; the largest sample is full scale."""
     force = waveforms["bridge_force"] - np.mean(waveforms["bridge_force"])
     scaled = np.round(32767 * force / max(np.max(np.abs(force)), 1e-300)).astype("<i2")
     with replacing(path) as file, wave.open(file, "wb") as sound:
@@ -46,12 +46,12 @@ def save_wav(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
 
 
 def draw(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
-    """Draw surface velocity, bridge force and friction force over time, in the manner of Fig 6.
+    """Draw surface velocity, bridge force and friction force over time, as in Fig 6.
 
     Raises
     ------
     ValueError
-        Where the suffix names no picture format.
+        If the suffix is not .png, .svg or .pdf.
     """
     if path.suffix not in (".png", ".svg", ".pdf"):
         raise ValueError(f"--plot {path}: should end in .png, .svg or .pdf")

@@ -1,4 +1,4 @@
-"""Many cells that differ in a few parameters, as arrays: what the kernel's lanes are made of."""
+"""Cells that differ in a few parameters, as arrays; the kernel computes each cell in a lane."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bow_sim.physics.parameters import FIELDS, SWEEPABLE, TYPES, Parameters, Ran
 from bow_sim.physics.reflection import Ends, ends
 
 FREE = frozenset({"f_asym", "f_init_ratio", "tau_f", "tau_v", "acceleration", "v_b", "mu_s", "mu_d", "v_mid"})
-"""Parameters of gesture and friction. The other sweepable ones change the reflection functions."""
+"""Parameters of gesture and friction; the other sweepable ones change the reflection functions."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,11 @@ class Cells:
     Parameters
     ----------
     parameters : Parameters
-        What all cells share.
+        The parameters that all cells share.
     lanes : dict of str to ndarray, shape (cells,)
-        What differs, by the name of the parameter.
-    ends : tuple of Ends, one per cell, or a single one that all share
+        The ones that differ, by name.
+    ends : tuple of Ends
+        One for each cell, or a single one that all share.
     """
 
     parameters: Parameters
@@ -37,11 +38,11 @@ class Cells:
 
     @property
     def count(self) -> int:
-        """How many cells."""
+        """The number of cells."""
         return len(next(iter(self.lanes.values())))
 
     def value(self, name: str) -> NDArray[np.float64]:
-        """Return a number of every cell, shape (cells,)."""
+        """Return a parameter of every cell, shape (cells,)."""
         given = self.lanes.get(name)
         return np.full(self.count, float(getattr(self.parameters, name))) if given is None else given
 
@@ -52,12 +53,12 @@ class Cells:
 
 
 def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
-    """Check what differs between cells and work out their reflection functions.
+    """Check the parameters that differ between cells, and compute the reflection functions.
 
     Parameters
     ----------
     parameters : Parameters
-        What all cells share.
+        The parameters that all cells share.
     lanes : Mapping[str, array_like], each of shape (cells,)
         Values by the name of a parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
 
@@ -112,6 +113,6 @@ def _ends(parameters: Parameters, names: tuple[str, ...], values: tuple[float, .
 
 @functools.lru_cache(maxsize=4096)
 def _ends_of(parameters: Parameters, names: tuple[str, ...], values: tuple[float, ...]) -> Ends:
-    """Keep the reflection functions of past cells: the blocks of a sweep meet the same ones again."""
+    """Return reflection functions; cached, as the blocks of a sweep need the same ones again."""
     changes: dict[str, Any] = dict(zip(names, values, strict=True))
     return ends(parameters.replace(**changes))

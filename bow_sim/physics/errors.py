@@ -1,7 +1,7 @@
-"""The error of a parameter that cannot be."""
+"""The error for a wrong parameter."""
 
 from __future__ import annotations
 
 
 class ParameterError(ValueError):
-    """A parameter that cannot be: the message names its path, its value and what would be right."""
+    """A parameter is wrong: the message names its path and its value, and states what would be right."""

@@ -1,17 +1,25 @@
-"""The friction curve and its hysteresis (paper sections II.A, III.C and Appendix; PHYSICS.md section 4).
+"""Friction laws (paper sections II.A, III.C and Appendix; PHYSICS.md section 4).
 
-With slip speed ``s = v_b - v``, distance from sticking ``D = v_b - v_h``, ``S = Y f_b mu_s`` and
-``A = Y f_b mu_d``, the string's straight line ``f = (D - s)/Y`` meets the hyperbola
-``f = f_b (mu_d + (mu_s - mu_d) a/(a + s))`` where ``s**2 + s (a + A - D) + a (S - D) = 0``.
+With slip speed ``s = v_b - v``, ``D = v_b - v_h``, ``S = Y f_b mu_s`` and ``A = Y f_b mu_d``, the straight line of the
+string ``f = (D - s)/Y``, equation (3), meets the hyperbola ``f = f_b (mu_d + (mu_s - mu_d) a/(a + s))`` where
+``s**2 + s (a + A - D) + a (S - D) = 0``.
 
-A friction law is data with a type: a named tuple of arrays over lanes. :func:`solve` is
-chosen by that type when the kernel is compiled, so a new law needs no new kernel; a law
-with internal state keeps it in an array of its tuple.
+A law is a named tuple of arrays over lanes. Numba chooses the code of :func:`solve` by the type of that tuple when it
+compiles the kernel, so the kernel's source is the same for every law. A law with internal state, such as a temperature,
+keeps it in an array of its tuple and changes it in `solve`.
+
+To add a law:
+
+1. its name and source in :data:`bow_sim.physics.parameters.FRICTIONS`, its parameters in
+   :class:`~bow_sim.physics.parameters.Parameters`;
+2. here a named tuple of its coefficients and state, an overload of :func:`solve` for it, and an entry in :data:`LAWS`;
+3. the same law in ``tests/support/scalar_string.py``, with which the kernel must agree bit for bit.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,14 +31,14 @@ from bow_sim.simd.lanes import absolute, choose, load, root
 
 
 class Hyperbola(NamedTuple):
-    """The paper's law (Appendix): a rectangular hyperbola with the paper's hysteresis.
+    """The paper's law (Appendix, Fig 9): a rectangular hyperbola, with the hysteresis rule of section III.C.
 
     Parameters
     ----------
     a : ndarray, shape (lanes,)
-        ``v_b - v_mid``, final bow speed: the slip speed at which mu is midway.
+        ``v_b - v_mid`` with the final bow speed v_b: the slip speed at which mu is midway.
     limit, slide : ndarray, shape (lanes,)
-        ``Y mu_s`` and ``Y mu_d``: times f_b they are S and A.
+        ``Y mu_s`` and ``Y mu_d``; multiplied by f_b they are S and A.
     """
 
     a: Any
@@ -39,10 +47,10 @@ class Hyperbola(NamedTuple):
 
 
 def hyperbola(a: Any, limit: Any, slide: Any, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
-    """Solve string and hyperbola for one step, by the paper's hysteresis rule.
+    """Solve string and hyperbola for one step, with the hysteresis rule of section III.C.
 
-    The same source serves numbers, arrays and, compiled, the lanes of the kernel. All that it does
-    is exactly rounded.
+    The same source is used for numbers, for arrays and, compiled, for the lanes of the kernel. Every operation is
+    exactly rounded.
 
     Parameters
     ----------
@@ -74,12 +82,12 @@ _hyperbola = njit(**INLINE)(hyperbola)
 
 
 def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
-    """Solve string and friction for one step of eight lanes; compiled code only.
+    """Solve string and friction law for one step of eight lanes; in compiled code only.
 
     Parameters
     ----------
     law : NamedTuple
-        Coefficients and internal state of a law, arrays over lanes.
+        Coefficients and internal state of a law, arrays of shape (lanes,).
     lane : int
         The first of the lanes.
     d, f_b, slipping
@@ -102,34 +110,43 @@ def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> An
     )
 
 
-def law_of(cells: Cells) -> Hyperbola:
-    """Return the friction law of cells, arrays of shape (cells,); the choice is ``parameters.friction``."""
+def hyperbola_of(cells: Cells) -> Hyperbola:
+    """Return the hyperbola of each cell, arrays of shape (cells,)."""
     y = cells.of_ends("y")
     return Hyperbola(cells.value("v_b") - cells.value("v_mid"), y * cells.value("mu_s"), y * cells.value("mu_d"))
 
 
+LAWS: dict[str, Callable[[Cells], Any]] = {"hyperbola": hyperbola_of}
+"""Name of a law, as in :data:`bow_sim.physics.parameters.FRICTIONS` -> what makes it for cells."""
+
+
+def law_of(cells: Cells) -> Any:
+    """Return the friction law that ``parameters.friction`` names, a named tuple of arrays of shape (cells,)."""
+    return LAWS[cells.parameters.friction](cells)
+
+
 def sliding_coefficient(s: NDArray[np.float64], mu_s: float, mu_d: float, a: float) -> NDArray[np.float64]:
-    """Coefficient of sliding friction at slip speed ``s >= 0`` (Appendix, Fig 9).
+    """Return the coefficient of sliding friction at slip speeds ``s >= 0``, shape of s (Appendix, Fig 9).
 
     Parameters
     ----------
     s : ndarray
-        Slip speed, bow speed = 1.
+        Slip speed, in units of the bow speed.
     mu_s, mu_d : float
         Coefficients on the point of sticking and at high speed.
     a : float
-        ``v_b - v_mid``.
+        ``v_b - v_mid``, the slip speed at which the coefficient is midway.
     """
     return mu_d + (mu_s - mu_d) * a / (a + s)
 
 
 def sticking_limit(f_b: float, y: float, mu_s: float, v_b: float) -> float:
-    """v_1: sticking ends when v_h falls below it (Figs 1, 7)."""
+    """Return v_1: sticking ends when v_h falls below it (Figs 1, 7)."""
     return v_b - y * f_b * mu_s
 
 
 def slipping_limit(f_b: float, y: float, mu_s: float, mu_d: float, a: float, v_b: float) -> float:
-    """v_2: slipping ends when v_h rises above it; equal to v_1 where nothing is ambiguous (Figs 1, 7)."""
+    """Return v_2: slipping ends when v_h rises above it; equal to v_1 without hysteresis (Figs 1, 7)."""
     limit, slide = y * f_b * mu_s, y * f_b * mu_d
     if limit - slide <= a:
         return v_b - limit
@@ -137,5 +154,5 @@ def slipping_limit(f_b: float, y: float, mu_s: float, mu_d: float, a: float, v_b
 
 
 def ambiguous_force(y: float, mu_s: float, mu_d: float, a: float) -> float:
-    """Bow force above which there is hysteresis: ``Y f_b (mu_s - mu_d) > a`` (PHYSICS.md section 4)."""
+    """Return the bow force above which there is hysteresis: ``Y f_b (mu_s - mu_d) > a`` (PHYSICS.md section 4)."""
     return a / (y * (mu_s - mu_d))

@@ -1,9 +1,15 @@
-"""Bowing gestures: how bow force and bow speed start (paper sections II.A and III.C).
+"""Bowing gestures: bow force and bow speed over time (paper sections II.A and III.C).
 
-Every gesture is ``f_b(t) = f_asym + (f_init - f_asym) F(t)`` and ``v_b(t) = v_0 + v_1 V(t)`` with
-two shapes F and V, tabulated over samples. The kernel knows only this form, so a new gesture
-is a new shape here. The shapes are computed by :func:`math.exp` one at a time: array
-exponentials may round differently with the place in the array.
+Every gesture is ``f_b(t) = f_end + f_step F(t)`` and ``v_b(t) = v_0 + v_1 V(t)``, with two shapes F and V, tabulated at
+each sample. The kernel uses only this form, so it is the same for every gesture. The shapes are computed by
+:func:`math.exp` one sample at a time: exponentials of arrays may round differently at different places of the array.
+
+To add a gesture:
+
+1. its name and source in :data:`bow_sim.physics.parameters.GESTURES`, its parameters in
+   :class:`~bow_sim.physics.parameters.Parameters`;
+2. here its coefficients in :func:`levels` and its shapes in :func:`_shapes`;
+3. the same gesture in ``tests/support/scalar_string.py``, with which the kernel must agree bit for bit.
 """
 
 from __future__ import annotations
@@ -20,7 +26,15 @@ from bow_sim.physics.parameters import Parameters
 
 
 class Levels(NamedTuple):
-    """The coefficients of a gesture, arrays over cells or numbers; see the module."""
+    """The coefficients of a gesture, arrays of shape (cells,) or numbers.
+
+    Parameters
+    ----------
+    f_end, f_step : float or ndarray
+        Bow force at the end, and by how much it differs at the start.
+    v_0, v_1 : float or ndarray
+        Bow speed is ``v_0 + v_1 V(t)``.
+    """
 
     f_end: Any
     f_step: Any
@@ -29,7 +43,7 @@ class Levels(NamedTuple):
 
 
 def levels(gesture: str, f_asym: Any, f_init_ratio: Any, v_b: Any) -> Levels:
-    """Return the coefficients of a gesture from its parameters, numbers or arrays over cells."""
+    """Return the coefficients of a gesture from its parameters, numbers or arrays of shape (cells,)."""
     ratio = 0.0 * f_init_ratio if gesture == "string_crossing" else f_init_ratio
     f_step = ratio * f_asym - f_asym
     if gesture == "martele":
@@ -41,7 +55,7 @@ def levels(gesture: str, f_asym: Any, f_init_ratio: Any, v_b: Any) -> Levels:
 
 @functools.lru_cache(maxsize=8192)
 def decay(tau: float, start: int, samples: int) -> NDArray[np.float64]:
-    """``exp(-t/tau)`` at ``t = start ... start + samples - 1``, read-only."""
+    """Return ``exp(-t/tau)`` at ``t = start ... start + samples - 1``, read-only."""
     table = np.array([math.exp(-t / tau) for t in range(start, start + samples)])
     table.setflags(write=False)
     return table
@@ -49,28 +63,28 @@ def decay(tau: float, start: int, samples: int) -> NDArray[np.float64]:
 
 @functools.lru_cache(maxsize=4096)
 def ramp(rise: float, start: int, samples: int) -> NDArray[np.float64]:
-    """``min(1, rise t)`` at ``t = start ... start + samples - 1``, read-only."""
+    """Return ``min(1, rise t)`` at ``t = start ... start + samples - 1``, read-only."""
     table = np.minimum(1.0, rise * np.arange(start, start + samples, dtype=np.float64))
     table.setflags(write=False)
     return table
 
 
 @functools.lru_cache(maxsize=64)
-def nothing(samples: int) -> NDArray[np.float64]:
-    """Zeros, read-only: the shape of what does not change."""
+def zeros(samples: int) -> NDArray[np.float64]:
+    """Return zeros, read-only: the shape of a constant."""
     table = np.zeros(samples)
     table.setflags(write=False)
     return table
 
 
 def shapes(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """F(t) and V(t) of a gesture.
+    """Return F(t) and V(t) of a gesture.
 
     Parameters
     ----------
     p : Parameters
     start, samples : int
-        The first sample, and how many.
+        The first sample, and the number of samples.
 
     Returns
     -------
@@ -80,7 +94,7 @@ def shapes(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64]
 
 
 def shapes_of_cells(cells: Cells, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """F(t) and V(t) of cells.
+    """Return F(t) and V(t) of each cell.
 
     Returns
     -------
@@ -104,17 +118,17 @@ def _shapes(
         return decay(tau_f, start, samples), decay(tau_v, start, samples)
     if gesture == "constant_acceleration":
         return decay(tau_f, start, samples), ramp(rise, start, samples)
-    return decay(tau_f, start, samples), nothing(samples)
+    return decay(tau_f, start, samples), zeros(samples)
 
 
 def force_and_speed(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """f_b(t) and v_b(t) of one cell, for figures and audio.
+    """Return f_b(t) and v_b(t) of one cell, for figures and audio.
 
     Parameters
     ----------
     p : Parameters
     start, samples : int
-        The first sample, and how many.
+        The first sample, and the number of samples.
 
     Returns
     -------

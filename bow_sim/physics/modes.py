@@ -1,8 +1,8 @@
 """Linear analysis of the string: impulse response, mode frequencies and Q factors (paper section III.A, Figs 2-4).
 
-A wave that has gone round the string comes back multiplied by ``H_1(z) H_2(z)``, so the modes are the roots of
-``H_1(z) H_2(z) = 1``. A reflection function of taps and an exponential tail is a ratio of polynomials in 1/z, so
-the roots are those of a polynomial: nothing is read off an FFT. A mode at ``z = exp((-s + i w)/f_s)`` has the
+A round trip of the string multiplies a wave by ``H_1(z) H_2(z)``, so the modes are the roots of ``H_1(z) H_2(z) = 1``.
+A reflection function of taps and an exponential tail is a ratio of polynomials in 1/z, so these are the roots of a
+polynomial, found to the accuracy of float64 and not read from an FFT. A mode at ``z = exp((-s + i w)/f_s)`` has the
 frequency ``w/2 pi`` and ``Q = w/2s``.
 """
 
@@ -19,10 +19,10 @@ from bow_sim.physics.reflection import ends
 from bow_sim.physics.reflection_text import Reflection
 
 LOSSLESS = 1e-13
-"""Loss a sample below which a root lies on the unit circle as far as rounding can tell."""
+"""Loss a sample below which a root lies on the unit circle within rounding."""
 
 NEWTON_STEPS = 4
-"""Steps that carry a root from the accuracy of an eigenvalue to that of a double."""
+"""Steps that improve a root from the accuracy of an eigenvalue to that of float64."""
 
 
 class Modes(NamedTuple):
@@ -31,7 +31,7 @@ class Modes(NamedTuple):
     Parameters
     ----------
     number : ndarray of int, shape (modes,)
-        How many wavelengths go into a round trip: 1 is the fundamental.
+        Wavelengths in a round trip: 1 is the fundamental.
     frequency : ndarray, shape (modes,)
         Hz.
     q : ndarray, shape (modes,)
@@ -44,7 +44,7 @@ class Modes(NamedTuple):
 
 
 def ratio(reflection: Reflection) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Write a reflection function as a ratio of polynomials in 1/z.
+    """Return a reflection function as a ratio of polynomials in 1/z.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def ratio(reflection: Reflection) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def impulse_response(one: Reflection, other: Reflection, admittance: float, samples: int) -> NDArray[np.float64]:
-    """Sample g(t), the velocity at the bow after a unit impulse of force there, by equation (5).
+    """Return samples of g(t), the velocity at the bow after a unit impulse of force there, by equation (5).
 
     The series ``h_1 + h_2 + 2 h_1*h_2 + h_1*h_2*h_1 + ...`` is summed exactly: with the delta function of equation (1)
     it is ``(1 + H_1)(1 + H_2)/(1 - H_1 H_2)``, run as a recurrence.
@@ -94,19 +94,19 @@ def impulse_response(one: Reflection, other: Reflection, admittance: float, samp
 
 
 def transverse_response(p: Parameters, samples: int) -> NDArray[np.float64]:
-    """g(t) of transverse waves, Figs 2(a) and 2(b); shape (samples,)."""
+    """Return g(t) of transverse waves, Figs 2(a) and 2(b); shape (samples,)."""
     e = ends(p)
     return impulse_response(e.bridge, e.nut, e.y_t, samples)
 
 
 def torsional_response(p: Parameters, samples: int) -> NDArray[np.float64]:
-    """g(t) of torsional waves, Fig 2(c); shape (samples,)."""
+    """Return g(t) of torsional waves, Fig 2(c); shape (samples,)."""
     e = ends(p)
     return impulse_response(e.torsion_bridge, e.torsion_nut, e.y_r, samples)
 
 
 def modes(one: Reflection, other: Reflection, sample_rate: float, count: int) -> Modes:
-    """Find the first modes of waves between two ends.
+    """Return the first modes of waves between two ends.
 
     Parameters
     ----------
@@ -139,19 +139,21 @@ def modes(one: Reflection, other: Reflection, sample_rate: float, count: int) ->
 
 
 def transverse_modes(p: Parameters, count: int = 30) -> Modes:
-    """The first transverse modes of a model, Figs 3 and 4."""
+    """Return the first transverse modes of a model, Figs 3 and 4."""
     e = ends(p)
     return modes(e.bridge, e.nut, p.sample_rate, count)
 
 
 def torsional_modes(p: Parameters, count: int = 8) -> Modes:
-    """The first torsional modes of a model (section III.A)."""
+    """Return the first torsional modes of a model (section III.A)."""
     e = ends(p)
     return modes(e.torsion_bridge, e.torsion_nut, p.sample_rate, count)
 
 
 def gaussian_q(number: NDArray[np.int64], p: Parameters) -> NDArray[np.float64]:
-    """Q of torsional modes by the continuous Gaussian (Appendix): a round trip loses ``gain**2 exp(-(w tau)**2/2)``.
+    """Return Q of torsional modes by the continuous Gaussian (Appendix).
+
+    A round trip multiplies a wave by ``gain**2 exp(-(w tau)**2/2)``.
 
     Parameters
     ----------
@@ -168,7 +170,9 @@ def gaussian_q(number: NDArray[np.int64], p: Parameters) -> NDArray[np.float64]:
 
 
 def cremer_q(number: NDArray[np.int64], p: Parameters) -> NDArray[np.float64]:
-    """Q of transverse modes by the continuous spring and dashpot: ``n pi R/2 (1 + (w_c/w_n)**2)`` (PHYSICS.md 3).
+    """Return Q of transverse modes by the continuous spring and dashpot (PHYSICS.md section 3).
+
+    It is ``n pi R/2 (1 + (w_c/w_n)**2)``.
 
     Parameters
     ----------
@@ -191,9 +195,9 @@ def _sum(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _polished(polynomial: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Find the roots z of a polynomial in 1/z, by eigenvalues and then Newton's method."""
+    """Return the roots z of a polynomial in 1/z, by eigenvalues and then Newton's method."""
     z = np.roots(polynomial).astype(np.complex128)
-    z = z[np.abs(z) > 1e-3]  # what is gone within a sample is no mode, and 1/z must not overflow
+    z = z[np.abs(z) > 1e-3]  # a root that decays within a sample is no mode, and 1/z must not overflow
     slope = -polynomial[1:] * np.arange(1, len(polynomial))
     for _ in range(NEWTON_STEPS):
         step = 1 / z
@@ -206,7 +210,7 @@ def _polished(polynomial: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 
 def _numbers(one: Reflection, other: Reflection, w: NDArray[np.float64]) -> NDArray[np.int64]:
-    """How often the phase of a round trip has turned by 2 pi up to each frequency, from 0 at w = 0."""
+    """Return how often the phase of a round trip turns by 2 pi from w = 0 up to each frequency."""
     turns = 64 * (one.last + other.last)
     grid = np.linspace(0.0, math.pi, turns + 1)
     around = np.exp(1j * grid)

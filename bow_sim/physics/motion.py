@@ -1,4 +1,4 @@
-"""What the motion of a string is, read off its states: when it slips, and from when on once a period."""
+"""Slip onsets of a string, and from when on it slips once a period."""
 
 from __future__ import annotations
 

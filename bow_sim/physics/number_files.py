@@ -1,6 +1,6 @@
-"""Text files with numbers, as people's tools write them: spreadsheets, NumPy, MATLAB, Fortran, in any country.
+"""Text files of numbers that other programs write: spreadsheets, NumPy, MATLAB, Fortran, with points or commas.
 
-Nothing is guessed: where a line could mean two things it is refused.
+Nothing is guessed: a line with two possible meanings raises an error.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]*,[0-9]+([eEdD][+-]?[0-9]+)?")
 
 
 def read_text(path: str | Path) -> str:
-    """Return the text of a file: UTF-8, or UTF-16 that says so, or any 8-bit code, with ends of lines of any system.
+    """Return the text of a file: UTF-8, UTF-16 with a byte-order mark, or an 8-bit code. Line ends become newlines.
 
     Raises
     ------
     OSError
-        Where it cannot be read.
+        If it cannot be read.
     ValueError
-        Where it is no text.
+        If it is not text.
     """
     content = Path(path).read_bytes()
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):  # Notepad, Excel's "Unicode text"
@@ -40,12 +40,12 @@ def read_text(path: str | Path) -> str:
 
 
 def number(word: str) -> float:
-    """Return the number that a word is.
+    """Return the number that a column holds; NaN and infinities are numbers.
 
     Raises
     ------
     ValueError
-        Where it is none; NaN and infinities are.
+        If it is not a number.
     """
     word = word.replace("\N{MINUS SIGN}", "-")
     if not _NUMBER.fullmatch(word):
@@ -54,15 +54,15 @@ def number(word: str) -> float:
 
 
 def rows(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield (number of the line, words of its columns), the decimal points as points.
+    """Yield (line number, texts of its columns), with points as decimal points.
 
     Columns are separated by white space, commas, semicolons or tabs. Comments begin with ``#`` or ``%``; empty lines,
-    and one line of headings before the first numbers, are left out.
+    and one line of headings before the first numbers, are skipped.
 
     Raises
     ------
     ValueError
-        Where a comma could be a decimal point or not; says in which line.
+        If it is not clear whether a comma is a decimal point; the message names the line.
     """
     points = ""
     first = True
@@ -80,7 +80,7 @@ def rows(text: str) -> Iterator[tuple[int, list[str]]]:
             mark = "," if _DECIMAL_COMMA.fullmatch(word) else "." if "." in word and _is_number(word) else ""
             if mark and points and mark != points:
                 raise ValueError(
-                    f"line {line_number}: {line.strip()!r}: is the comma a decimal point? Lines before say otherwise; "
+                    f"line {line_number}: {line.strip()!r}: is the comma a decimal point? Lines before use another; "
                     "should be the same everywhere: points within numbers, and commas, semicolons or tabs between"
                 )
             points = mark or points
@@ -88,7 +88,7 @@ def rows(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _columns(line: str) -> list[str]:
-    """Split a line; commas within the parts are decimal points."""
+    """Return the columns of a line; commas that remain in them are decimal points."""
     for separator in (";", "\t"):
         if separator in line:
             return [word.strip().rstrip(",") for word in line.split(separator)]

@@ -1,8 +1,7 @@
-"""One simulation described as flat, typed, serialisable data, and the models of the hierarchy.
+"""The parameters of one simulation as flat, typed, serialisable data, and the names of models, gestures and laws.
 
-A :class:`Parameters` is what the command line, presets, messages, ledger and bag share.
-Units are the paper's (Appendix): the final bow speed is 1, the transverse characteristic
-admittance is 2, time is counted in samples.
+Command line, presets, messages, ledger and bag all hold a simulation as a :class:`Parameters`. Units are the paper's
+(Appendix): the final bow speed is 1, the transverse characteristic admittance is 2, time is counted in samples.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ MODELS: dict[str, str] = {
     "delta_cremer": "Cremer's spring and dashpot at the bridge, unit delta at the nut, torsion (III.A)",
     "stiff_cremer": "as delta_cremer, with the dispersion of a stiff string on the long side (III.A)",
 }
-"""Names of the models of sections II.B and III.A, and what each is."""
+"""Names of the models of sections II.B and III.A, with descriptions."""
 
 TORSION_REFLECTED = ("delta_cremer", "stiff_cremer")
 """The models in which torsional waves come back."""
@@ -39,12 +38,12 @@ GESTURES: dict[str, str] = {
     "string_crossing": "bow already moving at v_b, force rising from 0 to f_asym with time constant tau_f (II.A)",
     "constant_acceleration": "bow speed rises by acceleration per period until v_b; force as exponential (Guettler)",
 }
-"""Names of the bowing gestures, and what each is."""
+"""Names of the bowing gestures, with descriptions."""
 
 FRICTIONS: dict[str, str] = {
     "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)"
 }
-"""Names of the friction laws, and what each is."""
+"""Names of the friction laws, with descriptions."""
 
 DTYPES = ("float64", "float32")
 
@@ -52,12 +51,12 @@ BRIDGES: dict[str, dict[str, float]] = {
     "surrogate": {"bridge_r": 25.0, "bridge_w_c": 4.0},
     "t60": {"bridge_r": 63.5, "bridge_w_c": 1.4},
 }
-"""Named values of Cremer's spring and dashpot, chosen by ``bridge=NAME``: *surrogate* is calibrated
-to Q factors of an open A string, *t60* is fitted to published decay times (PHYSICS.md section 3)."""
+"""Named values of Cremer's spring and dashpot, set by ``bridge=NAME``: *surrogate* is calibrated to the Q factors of an
+open A string, *t60* is fitted to published decay times (PHYSICS.md section 3)."""
 
 
 class Range(NamedTuple):
-    """The values a number may take; an end is open where the value itself is not allowed."""
+    """The values that a number may have; an open end is not allowed itself."""
 
     low: float
     high: float
@@ -65,7 +64,7 @@ class Range(NamedTuple):
     high_open: bool = False
 
     def holds(self, value: float) -> bool:
-        """Whether the value lies in the range; NaN never does."""
+        """Return whether the value lies in the range; NaN does not."""
         above = value > self.low if self.low_open else value >= self.low
         below = value < self.high if self.high_open else value <= self.high
         return above and below
@@ -79,7 +78,7 @@ class Range(NamedTuple):
 def _number(
     default: float, low: float, high: float, unit: str, source: str, doc: str, ends: str = "[]", scale: str = "linear"
 ) -> Any:
-    """Make a field with a range; ``ends`` is one of ``[] () (] [)`` as in mathematics."""
+    """Return a field with a range; ``ends`` is one of ``[] () (] [)`` as in mathematics."""
     limits = Range(low, high, ends[0] == "(", ends[1] == ")")
     return field(
         default=default, metadata={"doc": doc, "unit": unit, "source": source, "range": limits, "scale": scale}
@@ -87,7 +86,7 @@ def _number(
 
 
 def _function(side: str) -> Any:
-    """Make a field for a reflection function given as text; see :func:`bow_sim.physics.reflection_text.parse`."""
+    """Return a field for a reflection function as text; see :func:`bow_sim.physics.reflection_text.parse`."""
     doc = f"reflection function {side} in place of the model's own, as text; empty for the model's own"
     return field(default="", metadata={"doc": doc, "unit": "", "source": "section II.B"})
 
@@ -98,7 +97,7 @@ def _choice(default: str, choices: Iterable[str], source: str, doc: str) -> Any:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Everything that decides the waveforms of one cell.
+    """All parameters that decide the waveforms of one cell.
 
     Each field's ``metadata`` holds ``doc``, ``unit``, ``source`` and either ``range`` (a
     :class:`Range`) or ``choices``.
@@ -106,7 +105,7 @@ class Parameters:
     Raises
     ------
     ParameterError
-        For a value out of its range, of the wrong type, NaN, or at odds with another one.
+        If a value is out of its range, of the wrong type, NaN, or contradicts another one.
     """
 
     model: str = _choice("stiff_cremer", MODELS, "sections II.B, III.A", "model of the string")
@@ -173,12 +172,12 @@ class Parameters:
 
     @property
     def has_torsion(self) -> bool:
-        """Whether torsional waves come back to the bow."""
+        """Whether torsional waves return to the bow."""
         return self.model in TORSION_REFLECTED
 
     @property
     def beta(self) -> float:
-        """Distance of the bow from the bridge as a fraction of the string."""
+        """Distance of the bow from the bridge, as a fraction of the string's length."""
         return self.bow_bridge / self.period
 
     @property
@@ -203,20 +202,20 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, object], path: str = "") -> Parameters:
-        """Read parameters by name, for instance from YAML; what is not named keeps its default.
+        """Return parameters by name, for instance from YAML; the others have their defaults.
 
         Parameters
         ----------
         mapping : Mapping[str, object]
             Values by field name; numbers may be text. The extra key ``bridge`` names one of :data:`BRIDGES`.
         path : str
-            Where the mapping stands, put before each key in messages, for instance ``"fig11d.yaml: "``.
+            Where the mapping comes from, written before each key in error messages, for instance ``"fig11d.yaml: "``.
         """
         return cls._from(cls(), mapping, path)
 
     @classmethod
     def from_settings(cls, settings: Iterable[str], path: str = "") -> Parameters:
-        """Read ``name=value`` texts, as :meth:`settings` writes them; the last of a name counts."""
+        """Return parameters from ``name=value`` texts, as :meth:`settings` writes them; the last of a name counts."""
         return cls.from_mapping(parse_settings(settings, path), path)
 
     @staticmethod
@@ -235,7 +234,7 @@ class Parameters:
             raise ParameterError(f"{path}{error}") from None
 
     def settings(self) -> tuple[str, ...]:
-        """Write every parameter as ``name=value``, sorted; reads back to an equal object, bit for bit."""
+        """Return every parameter as ``name=value``, sorted; :meth:`from_settings` reads them back bit for bit."""
         texts = []
         for name in sorted(FIELDS):
             value = getattr(self, name)
@@ -243,7 +242,7 @@ class Parameters:
         return tuple(texts)
 
     def replace(self, **changes: object) -> Parameters:
-        """Return a copy with some parameters changed, checked as a new one would be."""
+        """Return a copy with some parameters changed, checked like a new one."""
         return self._from(self, changes, "")
 
 
@@ -267,7 +266,7 @@ SWEEPABLE: frozenset[str] = FLOATS | {"bow_bridge", "torsion_half"}
 
 
 def coerce(name: str, value: object, path: str = "") -> Any:
-    """Return a value as the type of its field, or refuse it.
+    """Return a value converted to the type of its field.
 
     Raises
     ------
@@ -304,7 +303,7 @@ def coerce(name: str, value: object, path: str = "") -> Any:
 
 
 def _as_number(value: object) -> float | None:
-    """Return the finite number that a value or its text is, else None."""
+    """Return a value, or its text, as a finite number; None if it is not one."""
     if isinstance(value, (bool, bytes)):
         return None
     try:
@@ -333,7 +332,7 @@ def _nearest(key: str) -> str:
 
 
 def parse_settings(settings: Iterable[str], path: str = "") -> dict[str, str]:
-    """Split ``name=value`` texts into a mapping of texts; the last of a name counts."""
+    """Return ``name=value`` texts as a mapping of texts; the last of a name counts."""
     mapping: dict[str, str] = {}
     for text in settings:
         name, separator, value = text.partition("=")
@@ -344,7 +343,7 @@ def parse_settings(settings: Iterable[str], path: str = "") -> dict[str, str]:
 
 
 def check_friction(mu_s: float, mu_d: float, v_mid: float, v_b: float, path: str = "") -> None:
-    """Refuse a friction curve that does not fall with slip speed (Appendix)."""
+    """Raise ParameterError if the friction curve does not fall with slip speed (Appendix)."""
     if not mu_d < mu_s:
         raise ParameterError(f"{path}mu_d = {mu_d!r}: must be less than mu_s = {mu_s!r}")
     if not v_mid < v_b:

@@ -1,8 +1,10 @@
-"""Reflection functions: what comes back to the bow from each end, as plain data.
+"""Reflection functions: the response of each end of the string to a wave from the bow, as plain data.
 
-A reflection function is a short list of taps at consecutive lags and, where wanted, an
-exponential tail, which costs one multiply-add a step instead of a long convolution. All are
-for velocity waves: a rigid end reflects with -1.
+A reflection function is a short list of taps at consecutive lags and, in some models, an exponential tail, which needs
+one multiply-add a step instead of a long convolution. All are for velocity waves: a rigid end reflects with -1.
+
+To add a model: its name and source in :data:`bow_sim.physics.parameters.MODELS`, here a function that returns its
+`Ends`, and an entry in :data:`HIERARCHY`.
 """
 
 from __future__ import annotations
@@ -39,11 +41,19 @@ NUT_PERIODS = 8
 """Least length of that FFT in nominal periods, for strings longer than the paper's."""
 
 NUT_LEFT_OUT = 1e-7
-"""Share of the energy of the stiff reflection cut off at each end (PHYSICS.md section 3)."""
+"""Share of the energy of the stiff reflection that is cut off at each end (PHYSICS.md section 3)."""
 
 
 class Ends(NamedTuple):
-    """What the bow looks at: the four reflection functions and the admittances."""
+    """The string as the bow meets it.
+
+    Parameters
+    ----------
+    bridge, nut, torsion_bridge, torsion_nut : Reflection
+        Of transverse and of torsional waves at each end.
+    y_t, y_r : float
+        Characteristic admittances of transverse and torsional waves.
+    """
 
     bridge: Reflection
     nut: Reflection
@@ -59,16 +69,16 @@ class Ends(NamedTuple):
 
 
 ABSORBED = Reflection((0.0,), 1)
-"""Nothing comes back."""
+"""Nothing is reflected."""
 
 
 def delta(lag: int, gain: float = 1.0) -> Reflection:
-    """Reflect with ``-gain`` after ``lag`` samples: a rigid end of an ideal string (section II.B)."""
+    """Return a reflection with ``-gain`` after ``lag`` samples: a rigid end of an ideal string (section II.B)."""
     return Reflection((-gain,), lag)
 
 
 def cremer(lag: int, r: float, w_c: float, period: int) -> Reflection:
-    """Cremer's bridge: a spring parallel to a dashpot (section III.A; PHYSICS.md section 3).
+    """Return Cremer's bridge: a spring parallel to a dashpot (section III.A; PHYSICS.md section 3).
 
     Parameters
     ----------
@@ -89,7 +99,7 @@ def cremer(lag: int, r: float, w_c: float, period: int) -> Reflection:
 
 @functools.lru_cache(maxsize=512)
 def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Reflection:
-    """The long side of a string with bending stiffness (section III.A; PHYSICS.md section 3).
+    """Return the reflection of the long side of a string with bending stiffness (III.A; PHYSICS.md section 3).
 
     Parameters
     ----------
@@ -119,7 +129,7 @@ def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Refle
     share = np.cumsum(h * h) / np.sum(h * h)
     first = int(np.argmax(share >= NUT_LEFT_OUT))
     last = int(np.argmax(share >= 1 - NUT_LEFT_OUT))
-    if first < 1 or last >= size // 2:  # what should come before lag 0 comes out at the end of the inverse FFT
+    if first < 1 or last >= size // 2:  # lags below 0 are at the end of the inverse FFT
         raise ParameterError(
             f"stiffness_b = {b!r} with nut_cutoff = {cutoff!r}, nut_power = {power!r} and the nut {lag} samples away: "
             "the reflection would begin before it was sent; stiffness or cutoff must be less, or the nut farther"
@@ -131,7 +141,7 @@ def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Refle
 
 @functools.lru_cache(maxsize=512)
 def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
-    """A Gaussian ``exp(-((t - c)/width)**2)`` of sum ``-gain`` and first moment ``delay`` (Appendix).
+    """Return a Gaussian ``exp(-((t - c)/width)**2)`` of sum ``-gain`` and first moment ``delay`` (Appendix).
 
     Parameters
     ----------
@@ -142,13 +152,15 @@ def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
     gain : float
         Minus the sum of the taps.
     half : int
-        The lags are floor(delay) + 1 - half ... floor(delay) + half, those below 1 left out.
+        The lags are floor(delay) + 1 - half ... floor(delay) + half, without those below 1.
     """
     near = math.floor(delay)
     lags = range(max(1, near + 1 - half), near + half + 1)
 
     def weights(centre: float) -> list[float]:
-        least = min(abs(lag - centre) for lag in lags)  # keeps the greatest at 1 when the centre is far outside
+        least = min(
+            abs(lag - centre) for lag in lags
+        )  # so that the greatest weight is 1 even if the centre is far outside
         return [math.exp((least * least - (lag - centre) ** 2) / width**2) for lag in lags]
 
     def moment(centre: float) -> float:
@@ -162,7 +174,7 @@ def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
             f"torsion_speed: the torsional round trip of {delay:.3g} samples is too short for a reflection function "
             "whose first lag is 1; it must be more than 1 sample"
         )
-    while True:  # the moment grows with the centre: halve until the numbers run out
+    while True:  # the moment grows with the centre: bisect to the last bit
         centre = (low + high) / 2
         if centre in (low, high):
             break
@@ -176,7 +188,7 @@ def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
 
 
 def friedlander(p: Parameters) -> Ends:
-    """An ideal string between rigid ends, nothing lost (section II.B; Friedlander 1953, Keller 1953).
+    """An ideal string between rigid ends, without losses (section II.B; Friedlander 1953, Keller 1953).
 
     Every periodic motion is unstable where the friction curve falls. Setting: ``model=friedlander``.
     """
@@ -184,7 +196,7 @@ def friedlander(p: Parameters) -> Ends:
 
 
 def raman(p: Parameters) -> Ends:
-    """A string whose ends give back ``bridge_gain`` and ``nut_gain`` of what they get (section II.B; Raman 1918).
+    """A string whose ends reflect ``bridge_gain`` and ``nut_gain`` of each wave (section II.B; Raman 1918).
 
     Waveforms are constant between jumps. Setting: ``model=raman``.
     """
@@ -202,9 +214,9 @@ def rounded_corner(p: Parameters) -> Ends:
 
 
 def torsion_absorbed(p: Parameters) -> Ends:
-    """Cremer's bridge, and torsional waves that leave the bow and never return (section II.B, refs. 5 and 18).
+    """Cremer's bridge, and torsional waves that are not reflected (section II.B, refs. 5 and 18).
 
-    The same as a linear shear of the friction curve. Setting: ``model=torsion_absorbed``.
+    This is the same as a linear shear of the friction curve. Setting: ``model=torsion_absorbed``.
     """
     y_r = p.torsion_admittance * p.y_t
     return Ends(_cremer(p), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, y_r)
@@ -241,7 +253,7 @@ HIERARCHY: dict[str, Callable[[Parameters], Ends]] = {
 
 
 def ends(p: Parameters) -> Ends:
-    """Return the reflection functions and admittances of a model, the user's own in place of those that are given.
+    """Return reflection functions and admittances of a model, with the user's own functions if they are given.
 
     Parameters
     ----------
@@ -254,7 +266,7 @@ def ends(p: Parameters) -> Ends:
     Raises
     ------
     ParameterError
-        If the geometry leaves no room for a reflection function.
+        If a round trip is too short for a reflection function.
     """
     given: dict[str, Any] = {
         name.removesuffix("_function"): parse(text, name) for name in FUNCTIONS if (text := getattr(p, name))

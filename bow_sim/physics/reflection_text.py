@@ -1,7 +1,7 @@
-"""A reflection function as plain data: taps, first lag and exponential tail; also as text and file.
+"""One reflection function as plain data: taps, first lag and exponential tail; also as text and as a file.
 
-The text form is what travels in settings, messages and bags, so that nothing depends on a file
-that only one machine has: ``first=15 taps=-0.92,-0.01 tail=-0.012 pole=0.84 tail_first=16``.
+Settings, messages and bags contain the text form, so that they do not depend on a file that only one machine has:
+``first=15 taps=-0.92,-0.01 tail=-0.012 pole=0.84 tail_first=16``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FUNCTIONS = ("bridge_function", "nut_function", "torsion_bridge_function", "tors
 """The settings that hold a reflection function as text."""
 
 GAIN_TOLERANCE = 1e-6
-"""By how much a gain may exceed 1, for the rounding of printed taps."""
+"""How far a gain may exceed 1, because printed taps are rounded."""
 
 MAX_LAG = 1 << 16
 """Greatest lag of a user's reflection function, samples."""
@@ -36,7 +36,7 @@ _KEYS = ("first", "taps", "tail", "pole", "tail_first")
 class Reflection:
     """One reflection function: ``in[t] = sum_k taps[k] out[t - first - k] + tail``.
 
-    The tail is ``tail * sum_k pole**k out[t - tail_first - k]``, one multiply-add a step.
+    The tail is ``tail * sum_k pole**k out[t - tail_first - k]``, computed by one multiply-add a step.
 
     Parameters
     ----------
@@ -58,16 +58,16 @@ class Reflection:
 
     @property
     def last(self) -> int:
-        """The greatest lag that a step looks back to, samples."""
+        """The greatest lag, samples."""
         return max(self.first + len(self.taps) - 1, self.tail_first if self.tail else 0)
 
     @property
     def soonest(self) -> int:
-        """The least lag that a step looks back to, samples."""
+        """The least lag, samples."""
         return min(self.first, self.tail_first) if self.tail else self.first
 
     def response(self, z: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Evaluate the z transform; at ``z = exp(i w)``, w in radians a sample, the frequency response.
+        """Return the z transform; at ``z = exp(i w)``, w in radians a sample, the frequency response.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Reflection:
         return total
 
     def impulse(self, samples: int) -> NDArray[np.float64]:
-        """Sample the function at lags 0 ... samples - 1.
+        """Return the function at lags 0 ... samples - 1.
 
         Returns
         -------
@@ -101,26 +101,26 @@ class Reflection:
         return h
 
     def text(self) -> str:
-        """Write the function as text that :func:`parse` reads back bit for bit."""
+        """Return the function as text, which :func:`parse` reads back bit for bit."""
         words = f"first={self.first} taps={','.join(repr(x) for x in self.taps)}"
         return words + (f" tail={self.tail!r} pole={self.pole!r} tail_first={self.tail_first}" if self.tail else "")
 
 
 @functools.lru_cache(maxsize=256)
 def parse(text: str, name: str = "reflection function") -> Reflection:
-    """Read a reflection function from its text form.
+    """Return a reflection function from its text form.
 
     Parameters
     ----------
     text : str
-        ``first=LAG taps=NUMBER,NUMBER,...``, with ``tail=``, ``pole=`` and ``tail_first=`` where there is a tail.
+        ``first=LAG taps=NUMBER,NUMBER,...``, with ``tail=``, ``pole=`` and ``tail_first=`` if there is a tail.
     name : str
-        What to call it in messages.
+        Its name in error messages.
 
     Raises
     ------
     ParameterError
-        If the text is not of that form. What it describes is judged by :func:`check`.
+        If the text is not of that form; :func:`check` checks the function itself.
     """
     given: dict[str, str] = {}
     for word in text.split():
@@ -144,20 +144,20 @@ def parse(text: str, name: str = "reflection function") -> Reflection:
 
 
 def check(reflection: Reflection, name: str, sample_rate: float) -> None:
-    """Refuse a reflection function that no end of a string can have.
+    """Raise an error for a reflection function that no end of a string can have.
 
     Parameters
     ----------
     reflection : Reflection
     name : str
-        What to call it in messages.
+        Its name in error messages.
     sample_rate : float
         Hz.
 
     Raises
     ------
     ParameterError
-        If it answers before it is asked, does not decay, or reflects more than it receives at some frequency.
+        If it has a lag below 1, does not decay, or reflects more than it receives at some frequency.
     """
     for what, lag in (("first", reflection.first), ("tail_first", reflection.tail_first)):
         if not 1 <= lag <= MAX_LAG:
@@ -179,12 +179,12 @@ def check(reflection: Reflection, name: str, sample_rate: float) -> None:
 
 @functools.lru_cache(maxsize=256)
 def greatest_gain(reflection: Reflection) -> tuple[float, float]:
-    """Find the greatest gain over all frequencies.
+    """Return the greatest gain over all frequencies, and its place.
 
     Returns
     -------
     w : float
-        Where it is, radians a sample.
+        Its frequency, radians a sample.
     gain : float
     """
     points = 8192
@@ -192,7 +192,7 @@ def greatest_gain(reflection: Reflection) -> tuple[float, float]:
         points *= 2
     w = np.linspace(0.0, math.pi, points + 1)
     gains = np.abs(reflection.response(np.exp(1j * w)))
-    best = int(np.argmax(gains >= gains.max() - GAIN_TOLERANCE / 1000))  # the lowest of equals
+    best = int(np.argmax(gains >= gains.max() - GAIN_TOLERANCE / 1000))  # the lowest of equal ones
     # a resonance may lie between the points of the grid
     finer = np.linspace(w[max(best - 1, 0)], w[min(best + 1, points)], 129)
     fine = np.abs(reflection.response(np.exp(1j * finer)))
@@ -203,7 +203,7 @@ def greatest_gain(reflection: Reflection) -> tuple[float, float]:
 
 
 def read(path: str | Path) -> str:
-    """Read a reflection function from a file and return its text form.
+    """Return the text form of a reflection function in a file.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """Which cells are in which block, for a sweep whose plan may grow.
 
-A sweep is planned in *rounds*, lists of cells. Each is cut into blocks of its own, numbered on from the last; the last
-block of a round may have fewer cells. An exhaustive sweep has one round, all cells; an adaptive one chooses the next
-round when every block of the one before is settled (:mod:`bow_sweep.plan.adaptive`). The plan announces the rounds as
-one number for each cell.
+A sweep is planned in *rounds*. A round is a list of cells and is divided into blocks; blocks are numbered through all
+rounds, and the last block of a round may have fewer cells. An exhaustive sweep has one round with all cells. An
+adaptive sweep chooses the next round when every block of the round before is done or given up
+(:mod:`bow_sweep.plan.adaptive`). The message Plan announces the rounds as one number for each cell.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from numpy.typing import NDArray
 from bow_sim.physics.errors import ParameterError
 
 MAX_ROUNDS = 255
-"""Rounds that a plan can announce."""
+"""Largest number of rounds: Plan.rounds has a byte for each cell."""
 
 
 class Blocks:
-    """The blocks of a sweep as far as it is planned. Does not change; :meth:`grown` gives a larger one.
+    """The blocks of a sweep planned so far. Does not change; :meth:`grown` returns one with another round.
 
     Parameters
     ----------
     cells
-        Of the plane.
+        Number of cells of the plane.
     block_cells
-        Cells of a block at most.
+        Largest number of cells of a block.
     rounds
-        Cells of each round, ascending; one round of all cells unless given.
+        Cells of each round, ascending; None: one round of all cells.
 
     Attributes
     ----------
     adaptive
-        Whether rounds were given.
+        Whether rounds were given: then more can follow.
     """
 
     def __init__(self, cells: int, block_cells: int, rounds: Iterable[NDArray[np.integer]] | None = None) -> None:
@@ -49,12 +49,12 @@ class Blocks:
 
     @classmethod
     def announced(cls, cells: int, block_cells: int, round_of: NDArray[np.integer]) -> Blocks:
-        """Return the blocks that ``Plan.rounds`` describes: see :meth:`announce`.
+        """Return the blocks that ``Plan.rounds`` describes, see :meth:`announce`.
 
         Raises
         ------
         ParameterError
-            Where it is neither empty nor one number for each cell, or a round is left out.
+            Where it is neither empty nor has one number for each cell, or where a round is missing.
         """
         if not len(round_of):
             return cls(cells, block_cells)
@@ -69,7 +69,7 @@ class Blocks:
         return cls(cells, block_cells, parts)
 
     def announce(self) -> NDArray[np.uint8]:
-        """Return ``Plan.rounds``: the round of every cell, counted from 1, 0 = not planned; empty if exhaustive."""
+        """Return ``Plan.rounds``, (cells,): the round of every cell from 1 on, 0 = not planned; (0,) if exhaustive."""
         if not self.adaptive:
             return np.zeros(0, np.uint8)
         round_of = np.zeros(self.cells, np.uint8)
@@ -78,13 +78,13 @@ class Blocks:
         return round_of
 
     def grown(self, cells: NDArray[np.integer]) -> Blocks:
-        """Return these blocks and those of another round.
+        """Return the same blocks and those of one more round.
 
         Raises
         ------
         ValueError
-            Where it has no cells, they do not ascend, one is planned already or is none of the plane, or there are
-            too many rounds.
+            Where the round is empty, its cells do not ascend, one is not of the plane or is planned already, or there
+            are too many rounds.
         """
         fresh = np.unique(cells)
         if not len(fresh) or not np.array_equal(fresh, cells) or fresh[0] < 0 or fresh[-1] >= self.cells:
@@ -96,31 +96,31 @@ class Blocks:
         return Blocks(self.cells, self.block_cells, (*self.rounds, fresh))
 
     def extends(self, other: Blocks) -> bool:
-        """Whether all blocks of `other` are the same here."""
+        """Return whether these are the blocks of `other`, and perhaps more."""
         return (self.cells, self.block_cells, self.adaptive) == (other.cells, other.block_cells, other.adaptive) and (
             len(self.rounds) >= len(other.rounds)
-            and all(map(np.array_equal, self.rounds, other.rounds))  # as far as the shorter goes
+            and all(map(np.array_equal, self.rounds, other.rounds))  # map() ends with the shorter list
         )
 
     @property
     def planned(self) -> NDArray[np.bool_]:
-        """Which cells are in a block, (cells,)."""
+        """Whether each cell is in a block, (cells,)."""
         out = np.zeros(self.cells, bool)
         out[self._order] = True
         return out
 
     @property
     def planned_cells(self) -> int:
-        """How many cells are in a block."""
+        """Number of cells that are in a block."""
         return len(self._order)
 
     @property
     def count(self) -> int:
-        """How many blocks there are."""
+        """Number of blocks."""
         return len(self._bounds) - 1
 
     def size(self, block: int) -> int:
-        """Return how many cells a block has."""
+        """Return the number of cells of a block."""
         return self._bounds[block + 1] - self._bounds[block]
 
     def block(self, block: int) -> NDArray[np.uint32]:
@@ -136,7 +136,7 @@ class Blocks:
         return self._order[self._bounds[block] : self._bounds[block + 1]]
 
     def cells_of(self, blocks: Iterable[int]) -> NDArray[np.bool_]:
-        """Return which cells are in some blocks, (cells,)."""
+        """Return whether each cell is in one of some blocks, (cells,)."""
         out = np.zeros(self.cells, bool)
         for block in blocks:
             out[self.block(block)] = True

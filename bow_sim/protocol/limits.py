@@ -1,4 +1,4 @@
-"""How large a sweep may be: checked by everyone who takes one from the network, before anything is allocated for it."""
+"""The largest sweep that is accepted. Every node checks it before it allocates memory for a sweep from the network."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import FUNCTIONS
 
 MAX_CELLS = 1 << 22
-"""Cells of one sweep at most: 4 194 304, some 500 maps of the paper; beyond that a typing error is likelier."""
+"""Largest number of cells of a sweep, 500 times the paper's maps. A larger number is probably a typing error."""
 
 MAX_BLOCK_CELLS = 1024
-"""Lanes of one kernel call at most."""
+"""Largest number of cells of a block: lanes of one kernel call."""
 
 MAX_VERDICTS = 1 << 27
-"""Cells times tests of a sweep at most: the map that the coordinator keeps of them has 17 bytes for each."""
+"""Largest product of cells and tests of a sweep. The coordinator keeps 17 bytes of each test of each cell."""
 
 MAX_CHUNK_VALUES = 400_000
-"""Cells times samples of a chunk at most: a message of 1.6 MB, and the bound that BridgeForce.msg has."""
+"""Largest product of cells and samples of a chunk: a message of 1.6 MB, the bound in BridgeForce.msg."""
 
 MAX_HISTORY = 1 << 23
-"""Cells of a block times greatest lag of a reflection function at most: the kernel keeps a number for each."""
+"""Largest product of the cells of a block and the longest lag of a reflection function, in samples. The kernel keeps a
+number for each."""
 
 
 def check_size(nx: int, ny: int, block_cells: int, parameters: Parameters) -> None:
-    """Refuse a sweep that is larger than anybody would want.
+    """Check the size of a sweep.
 
     Raises
     ------
     ParameterError
-        Naming what is too large, and the limit.
+        For a sweep that is too large, or has no cells; names the setting and its limit.
     """
     for name, count in (("x.count", nx), ("y.count", ny)):
         if not 1 <= count <= MAX_CELLS:
@@ -46,12 +47,12 @@ def check_size(nx: int, ny: int, block_cells: int, parameters: Parameters) -> No
 
 
 def check_block(cells: int, parameters: Parameters) -> None:
-    """Refuse a block whose computation or messages would take more memory than a block should.
+    """Check the memory that the computation of a block and its messages take.
 
     Raises
     ------
     ParameterError
-        Naming what is too large, and the limit.
+        For a block that is too large, or has no cells; names the setting and its limit.
     """
     if not 1 <= cells <= MAX_BLOCK_CELLS:
         raise ParameterError(f"block_cells = {cells}: should be 1 ... {MAX_BLOCK_CELLS}")
@@ -68,6 +69,6 @@ def check_block(cells: int, parameters: Parameters) -> None:
 
 
 def _greatest_lag(text: str, name: str) -> int:
-    from bow_sim.physics.reflection_text import parse  # it is large
+    from bow_sim.physics.reflection_text import parse  # slow to import
 
     return parse(text, name).last

@@ -1,8 +1,8 @@
-"""Eight cells at once: explicit SIMD for Numba, and where compiled code is kept.
+"""Eight cells at once: explicit SIMD for Numba, and where compiled code is stored.
 
 jit         Numba's decorators, for every compiled function
-code_cache  where compiled code is kept and read from
+code_cache  where compiled code is stored, and a message while it is compiled
 lanes       eight lanes as one value in compiled code
 rows        convolution and transposition of rows of eight lanes
-columns     eight rows of samples as eight columns
+columns     transposition of eight rows of samples, and prefetching
 """

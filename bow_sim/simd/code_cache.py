@@ -1,8 +1,8 @@
-"""Where compiled code is kept, and a word to people while it is made.
+"""Where compiled code is stored, and a message on stderr while it is compiled.
 
-Numba keeps the code of a function in one directory, which it must be able to write, and raises where there is none.
-Here code is read from every place where it may lie, first of all beside the sources, where an installation puts it:
-that may be somebody else's, or read-only. What has to be compiled is written to the first place that takes it.
+Numba stores the code of a function in one directory, and raises an exception if it cannot write there. Here code is
+read from several directories, first the one beside the sources, where an installation puts it; that one may belong to
+another user or be read-only. New code is written to the first directory that can be written.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from typing import Any
 from numba.core import config, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator, NullCache
 
-SAY_AFTER_S = 2.0
-"""A compilation that takes longer is announced."""
+REPORT_AFTER_S = 2.0
+"""A compilation that takes longer is reported."""
 
-SAY_AGAIN_S = 15.0
+REPORT_EVERY_S = 15.0
 
 _PRIVATE = f"bow-compiled-{os.geteuid()}"
 """Name of our directory among temporary files."""
 
 
 def beside(source: str) -> str:
-    """Return the directory beside a source file, where an installation leaves the compiled code."""
+    """Return the directory beside a source file, where an installation stores the compiled code."""
     return str(Path(source).parent / "__pycache__")
 
 
 def candidates(source: str) -> Iterator[str]:
-    """Yield the directories where code of a source file may be kept, those to be written first coming first."""
+    """Yield the directories in which code of a source file may be stored, in the order in which writing is tried."""
     folder = InTreeCacheLocator.get_suitable_cache_subpath(source)
     if config.CACHE_DIR:  # NUMBA_CACHE_DIR
         yield str(Path(config.CACHE_DIR).absolute() / folder)
@@ -46,12 +46,12 @@ def candidates(source: str) -> Iterator[str]:
         yield str(cache / "bow" / folder)
     elif home.is_absolute() and home.is_dir():
         yield str(home / ".cache" / "bow" / folder)
-    with contextlib.suppress(OSError):  # no directory for temporary files
+    with contextlib.suppress(OSError):  # there is no directory for temporary files
         yield str(Path(tempfile.gettempdir()) / _PRIVATE / folder)
 
 
 def _is_ours(place: Path) -> bool:
-    """Return whether only this user can write into a directory: what is read from there is executed."""
+    """Return whether only this user can write into a directory: code that is read from there is executed."""
     try:
         found = place.lstat()
     except OSError:
@@ -66,7 +66,7 @@ def _is_trusted(directory: str) -> bool:
 
 
 class _Locator(InTreeCacheLocator):
-    """Says to Numba where the code of a function is; the directory need not be there."""
+    """Tells Numba the directory of a function's code; the directory need not exist."""
 
     directory = ""
 
@@ -88,19 +88,19 @@ class _Locator(InTreeCacheLocator):
 
 
 def _cache_in(directory: str, function: Any) -> Any:
-    """Return Numba's cache of a function in a directory."""
+    """Return Numba's cache of a function, in a directory."""
     locator = type("Locator", (_Locator,), {"directory": directory})
     implementation = type("Implementation", (CompileResultCacheImpl,), {"_locator_classes": [locator]})
     return type("Cache", (FunctionCache,), {"_impl_class": implementation})(function)
 
 
 class CodeCache(NullCache):
-    """The compiled versions of one function, in every place that there is.
+    """The compiled versions of one function, in all directories.
 
     Parameters
     ----------
     function
-        A Python function that is compiled when it is called.
+        The Python function.
     """
 
     def __init__(self, function: Any) -> None:
@@ -112,7 +112,7 @@ class CodeCache(NullCache):
 
     @property
     def cache_path(self) -> str | None:
-        """The directory that a new version goes to; None where none can be written."""
+        """The directory that a new version is written to; None if no directory can be written."""
         for cache in self._to_write:
             with contextlib.suppress(OSError):
                 cache._impl.locator.ensure_cache_path()
@@ -120,18 +120,18 @@ class CodeCache(NullCache):
         return None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the version for a signature; None where there is none, or none that can be read."""
+        """Return the version for a signature; None if there is none that can be read."""
         for cache in self._to_read:
             try:
                 found = cache.load_overload(sig, target_context)
-            except Exception:  # no permission, or half a file: pickle raises whatever it meets
+            except Exception:  # no permission, or an incomplete file: pickle may raise any exception
                 continue
             if found is not None:
                 return found
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep a version where it can be written; where that is nowhere, it lives as long as this process."""
+        """Store a version in the first directory that can be written; without one, only this process has it."""
         for cache in self._to_write:
             try:
                 _save(cache, sig, data)
@@ -145,67 +145,69 @@ def _save(cache: Any, sig: Any, data: Any) -> None:
         cache.save_overload(sig, data)
     except OSError:
         raise
-    except Exception:  # the index there is damaged: begin a new one
+    except Exception:  # the index is damaged: start a new one
         cache.flush()
         cache.save_overload(sig, data)
 
 
 class Announcer(event.Listener):
-    """Says on stderr what is compiled, once it takes long: nothing else would show for up to a minute.
+    """Reports a compilation that takes long; without it, a program would print nothing for up to a minute.
 
     Parameters
     ----------
     print_line
-        Takes a line for people.
+        Called with each line of text.
     """
 
     def __init__(self, print_line: Callable[[str], None]) -> None:
         self._print = print_line
-        self._said: set[str] = set()
-        self._depth = 0  # a function compiles those that it calls
+        self._reported: set[str] = set()
+        self._depth = 0  # compiling a function compiles those that it calls
         self._over = threading.Event()
-        self._teller: threading.Thread | None = None
+        self._reporter: threading.Thread | None = None
 
     def on_start(self, event: Any) -> None:
-        """Begin to watch the time."""
+        """Start a thread that reports the compilation if it takes long."""
         self._depth += 1
         if self._depth > 1:
             return
         dispatcher = event.data["dispatcher"]
-        room = str(dispatcher.py_func.__module__).partition(".")[0]
+        package = str(dispatcher.py_func.__module__).partition(".")[0]
         self._over = threading.Event()
-        self._teller = threading.Thread(target=self._tell, args=(room, dispatcher._cache, self._over), daemon=True)
-        self._teller.start()
+        arguments = (package, dispatcher._cache, self._over)
+        self._reporter = threading.Thread(target=self._report, args=arguments, daemon=True)
+        self._reporter.start()
 
     def on_end(self, event: Any) -> None:
-        """Stop it: no thread is left, so that this process may be copied."""
+        """End that thread: this process may be forked later, and a fork copies only the calling thread."""
         self._depth -= 1
-        if self._depth == 0 and self._teller is not None:
+        if self._depth == 0 and self._reporter is not None:
             self._over.set()
-            self._teller.join()
-            self._teller = None
+            self._reporter.join()
+            self._reporter = None
 
-    def _tell(self, room: str, cache: Any, over: threading.Event) -> None:
+    def _report(self, package: str, cache: Any, over: threading.Event) -> None:
         began = time.monotonic()
-        if over.wait(SAY_AFTER_S):
+        if over.wait(REPORT_AFTER_S):
             return
-        what, usually = _WHAT.get(room, (room, "some seconds"))
-        if what not in self._said:
-            self._said.add(what)
-            kept = cache.cache_path
-            where = f"kept in {kept}" if kept else "kept nowhere, as no directory for it can be written"
+        what, usually = _COMPILED.get(package, (package, "some seconds"))
+        if what not in self._reported:
+            self._reported.add(what)
+            directory = cache.cache_path
+            where = f"stored in {directory}" if directory else "not stored, as no directory for it can be written"
             self._print(
                 f"compiling {what} for this machine, usually {usually} in all; the code is {where} "
-                "(NUMBA_CACHE_DIR=DIR: somewhere else)"
+                "(NUMBA_CACHE_DIR=DIR stores it in another directory)"
             )
-        while not over.wait(SAY_AGAIN_S):
+        while not over.wait(REPORT_EVERY_S):
             self._print(f"compiling {what}: {time.monotonic() - began:.0f} s so far")
 
 
-_WHAT = {
-    "bow_sim": ("the kernel of the string", "5 to 20 s"),
-    "bow_classifier": ("the classifier's tests", "about a minute"),
+_COMPILED = {
+    "bow_sim": ("the simulator", "5 to 20 s"),
+    "bow_classifier": ("the classifier", "half a minute"),
 }
+"""Package -> what is compiled, and how long that usually takes."""
 
 
 def _print_line(text: str) -> None:

@@ -10,7 +10,7 @@ from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
 from bow_sim.simd.lanes import LANES, LANES_OF, element_aligned, pointer, vector
-from bow_sim.simd.rows import _interleave
+from bow_sim.simd.rows import interleave
 
 _I64 = ir.IntType(64)
 
@@ -32,7 +32,7 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o:
         for row in range(LANES):
             place = builder.add(i_value, builder.mul(w, ir.Constant(_I64, row)))
             rows.append(element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x))
-        for t, column in enumerate(_interleave(builder, rows)):
+        for t, column in enumerate(interleave(builder, rows)):
             value = builder.fsub(builder.fpext(column, double), less)
             place = builder.add(o_value, ir.Constant(_I64, LANES * t))
             element_aligned(builder.store(value, pointer(context, builder, out, out_value, place, double)), out)

@@ -1,7 +1,7 @@
-"""Numba's decorators, for the modules whose functions run compiled.
+"""Numba's decorators, for all modules with compiled functions.
 
-Numba's annotations describe an intrinsic with the arguments it has at compile time, and know no
-option beyond the documented ones; here they are plain functions to the type checker.
+To the type checker these are plain functions: Numba's own annotations give an intrinsic the arguments that it has at
+compile time, and lack the options that are not documented.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if numba.config.DISABLE_JIT:
 
 
 def njit(*, cache: bool = False, **options: Any) -> Any:
-    """Compile a function as `numba.njit` does; with `cache`, keep the code as :mod:`bow_sim.simd.code_cache` says."""
+    """Compile a function as `numba.njit` does; with `cache`, store the code by :mod:`bow_sim.simd.code_cache`."""
 
     def decorate(function: Any) -> Any:
         dispatcher = numba.njit(**options)(function)
@@ -34,4 +34,4 @@ overload: Any = extending.overload
 register_model: Any = extending.register_model
 
 INLINE: dict[str, Any] = {"nogil": True, "_nrt": False, "forceinline": True}
-"""Options of the kernel's parts: no reference counts and no calls within the time loop."""
+"""Options of the functions that the time loop calls: no reference counts, and inlined."""

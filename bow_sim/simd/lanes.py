@@ -1,14 +1,13 @@
 """Eight lanes as one value in compiled code: explicit SIMD for Numba.
 
-Left to itself the compiler vectorises a loop over lanes only if it can prove that no two of some
-twenty arrays overlap, which it cannot; the kernel would run four times slower. So the lanes are
-a type here: ``load`` takes eight neighbours out of an array, ``+ - *``, comparisons, ``choose``,
-``absolute`` and ``root`` work on all eight, ``store`` puts them back. LLVM maps the type to whatever
-the machine has (one AVX-512 register, two AVX registers, four of SSE or NEON).
+The compiler vectorises a loop over lanes only if it can prove that none of some twenty arrays overlap, which it cannot;
+the kernel would be four times slower. So here eight lanes are a type: ``load`` reads eight neighbouring elements of an
+array, ``+ - * /``, comparisons, ``choose``, ``absolute`` and ``root`` work on all eight, ``store`` writes them. LLVM
+maps the type to the registers of the machine (one of AVX-512, two of AVX, four of SSE or NEON).
 
-Every operation is exactly rounded, lane by lane, and none is ever fused or reordered, so a lane's
-numbers do not depend on its neighbours. The same functions called from Python work on numbers and
-NumPy arrays, so a formula written with them can be tested without compiling.
+Every operation is exactly rounded, lane by lane, and none is fused or reordered, so a lane's numbers do not depend on
+its neighbours. The functions can also be called from Python with numbers and NumPy arrays, so that a formula can be
+tested without compiling it.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from numba.core.datamodel import models
 from bow_sim.simd.jit import INLINE, intrinsic, overload, register_model
 
 LANES = 8
-"""Lanes in a value: doubles in the widest registers there are."""
+"""Lanes in a value: the number of float64 in the widest registers, those of AVX-512."""
 
 _I64 = ir.IntType(64)
 
@@ -70,20 +69,20 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def broadcast(builder: Any, scalar: Any, kind: ir.VectorType) -> Any:
-    """Emit the repetition of a number in eight lanes."""
+    """Emit code that repeats a number in eight lanes."""
     nothing = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(nothing, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
 
 
 def pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, element: Any) -> Any:
-    """Emit the address of ``array.flat[index]``, to be read as ``element``."""
+    """Emit code for the address of ``array.flat[index]``, as a pointer to ``element``."""
     data = context.make_array(array_type)(context, builder, value=array).data
     return builder.bitcast(builder.gep(data, [index]), element.as_pointer())
 
 
 def element_aligned(instruction: Any, array_type: Any) -> Any:
-    """Promise the alignment of one element only: arrays of others need not begin at cache lines."""
+    """Set the alignment of a load or store to that of one element: not all arrays begin at a cache line."""
     instruction.align = array_type.dtype.bitwidth // 8
     return instruction
 
@@ -93,7 +92,7 @@ def element_aligned(instruction: Any, array_type: Any) -> Any:
 
 @intrinsic
 def load(typingctx: Any, array: Any, index: Any) -> Any:
-    """Take eight neighbours from a C-contiguous array, from a flat index on."""
+    """Read eight neighbouring elements of a C-contiguous array, from a flat index on."""
     if not (isinstance(array, types.Array) and array.dtype in LANES_OF and array.layout == "C"):
         return None
     lanes = LANES_OF[array.dtype]
@@ -106,7 +105,7 @@ def load(typingctx: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def store(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
-    """Put eight lanes into a C-contiguous array, from a flat index on."""
+    """Write eight lanes into a C-contiguous array, from a flat index on."""
     if not (isinstance(array, types.Array) and array.dtype in LANES_OF and array.layout == "C"):
         return None
     if value is not LANES_OF[array.dtype]:
@@ -136,7 +135,7 @@ def spread(typingctx: Any, value: Any) -> Any:
 
 @intrinsic
 def mask_of(typingctx: Any, bits: Any) -> Any:
-    """Make a mask of a byte, lane 0 in the lowest bit."""
+    """Convert a byte to a mask, lane 0 in the lowest bit."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.bitcast(args[0], ir.VectorType(ir.IntType(1), LANES))
@@ -146,7 +145,7 @@ def mask_of(typingctx: Any, bits: Any) -> Any:
 
 @intrinsic
 def bits_of(typingctx: Any, mask: Any) -> Any:
-    """Make a byte of a mask, lane 0 in the lowest bit."""
+    """Convert a mask to a byte, lane 0 in the lowest bit."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.bitcast(args[0], ir.IntType(8))
@@ -155,8 +154,8 @@ def bits_of(typingctx: Any, mask: Any) -> Any:
 
 
 @intrinsic
-def lowest_bit(typingctx: Any, word: Any) -> Any:
-    """Return the place of the lowest bit set in a word that is not 0."""
+def lowest_bit(typingctx: Any, bits: Any) -> Any:
+    """Return the place of the lowest bit that is set in a number of 64 bits that is not 0."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
@@ -168,7 +167,7 @@ def lowest_bit(typingctx: Any, word: Any) -> Any:
 
 
 def _widened(context: Any, builder: Any, lanes: LanesType, values: Any, kinds: Any) -> list[Any]:
-    """Emit the repetition of those values that are numbers, rounded to the lanes' type first."""
+    """Emit code that repeats those values that are numbers, after rounding them to the lanes' type."""
     return [
         value
         if isinstance(kind, LanesType)
@@ -178,7 +177,7 @@ def _widened(context: Any, builder: Any, lanes: LanesType, values: Any, kinds: A
 
 
 def _binary(operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> Any:
-    """Make an intrinsic of two lanes, or of lanes and a number."""
+    """Return the intrinsic of an operation on two values of lanes, or on lanes and a number."""
 
     @intrinsic
     def compute(typingctx: Any, a: Any, b: Any) -> Any:
@@ -193,7 +192,7 @@ def _binary(operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> An
 
 
 def _is_lanes(a: Any, b: Any) -> bool:
-    """Whether this is an operation of lanes with the same lanes, or with a number."""
+    """Return whether both are lanes of one type, or one is lanes and the other a number."""
     kinds = [x for x in (a, b) if isinstance(x, LanesType)]
     others = [x for x in (a, b) if not isinstance(x, LanesType)]
     return bool(kinds) and all(k is kinds[0] for k in kinds) and all(isinstance(x, types.Number) for x in others)
@@ -247,7 +246,7 @@ def _overload_or(a: Any, b: Any) -> Any:
 
 
 def _unary(name: str) -> Any:
-    """Make an intrinsic of LLVM's own vector function, exactly rounded."""
+    """Return the intrinsic of one of LLVM's vector functions, exactly rounded."""
 
     @intrinsic
     def compute(typingctx: Any, a: Any) -> Any:
@@ -278,18 +277,18 @@ def _overload_neg(a: Any) -> Any:
 
 
 def absolute(x: Any) -> Any:
-    """Magnitude of lanes, numbers or arrays."""
+    """Return the magnitude of lanes, numbers or arrays."""
     return np.abs(x)
 
 
 def root(x: Any) -> Any:
-    """Square root of lanes, numbers or arrays; NaN below zero."""
+    """Return the square root of lanes, numbers or arrays; NaN below zero."""
     with np.errstate(invalid="ignore"):
         return np.sqrt(x)
 
 
 def choose(mask: Any, yes: Any, no: Any) -> Any:
-    """Take ``yes`` where the mask holds, else ``no``, lane by lane; one of the two may be a number."""
+    """Return ``yes`` where the mask is true, else ``no``, lane by lane; one of the two may be a number."""
     return np.where(mask, yes, no)[()]
 
 
@@ -328,7 +327,7 @@ def _select(typingctx: Any, mask: Any, yes: Any, no: Any) -> Any:
 
 
 def aligned(shape: tuple[int, ...], dtype: Any) -> Any:
-    """Return zeros that begin at a cache line, which halves the cost of wide loads.
+    """Return zeros that begin at a cache line, which halves the time of loads of eight.
 
     Parameters
     ----------

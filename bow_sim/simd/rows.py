@@ -1,7 +1,6 @@
-"""Two operations on blocks of rows of eight lanes: convolution of several steps, and transposition.
+"""Two operations on rows of eight lanes: convolution of several steps, and transposition.
 
-Both are written out for the compiler, instruction by instruction, because how they use the registers is
-what their speed depends on.
+Both are written as single LLVM instructions, because their speed depends on how they use the registers.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ _I64 = ir.IntType(64)
 
 
 def fir_of(rows: int) -> Any:
-    """Make the convolution of ``rows`` successive steps, unrolled over the taps.
+    """Return the convolution of ``rows`` successive steps, unrolled over the taps.
 
     ``out[o + r w : + 8] = 0 + taps[0] x[i + r w] + taps[1] x[i + (r + 1) w] + ...`` with ``w = width``, each sum from
-    left to right. Doing several steps at once reads each sample and each tap once instead of ``rows`` times.
-    The number of taps is part of their type, a tuple, so a kernel is compiled for each.
+    left to right. Several steps together read each sample and each tap once instead of ``rows`` times. The taps are a
+    tuple, so that their number is part of the type, and a kernel is compiled for each number.
     """
 
     @intrinsic
@@ -56,7 +55,7 @@ def fir_of(rows: int) -> Any:
     return fir
 
 
-def _interleave(builder: Any, rows: Sequence[Any]) -> list[Any]:
+def interleave(builder: Any, rows: Sequence[Any]) -> list[Any]:
     """Transpose eight vectors of eight in three rounds of shuffles."""
     index = ir.VectorType(ir.IntType(32), LANES)
     low = ir.Constant(index, [i // 2 + LANES * (i % 2) for i in range(LANES)])
@@ -89,7 +88,7 @@ def transpose(typingctx: Any, x: Any, i: Any, width: Any, out: Any, o: Any, stri
                 builder.load(pointer(context, builder, x, x_value, place(i_value, w, r), vector(lanes))), x
             )
             rows.append(builder.fptrunc(value, single) if lanes.dtype is types.float64 else value)
-        for lane, column in enumerate(_interleave(builder, rows)):
+        for lane, column in enumerate(interleave(builder, rows)):
             element_aligned(
                 builder.store(column, pointer(context, builder, out, out_value, place(o_value, s, lane), single)), out
             )

@@ -1,4 +1,4 @@
-"""The command `bow compare`: runs beside each other."""
+"""The command `bow compare`: terrain and playability of several runs."""
 
 from __future__ import annotations
 
@@ -23,19 +23,20 @@ def add_command(commands: Any) -> None:
     """Add the parser of `compare`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "compare",
-        help="hold runs against each other: terrain and playability",
+        help="compare runs: terrain and playability",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Measure how easy a string is to play in each of several runs, and print the numbers beside each\n"
-        "other: the share of gestures that reach Helmholtz motion, the largest contiguous area of them, how long\n"
-        "their transients are and how different (quartile to quartile), how long the boundary is, and the areas of\n"
-        "the five kinds of terrain that section IV.B of the paper tells apart:\n\n"
+        description="Measure how easy a string is to play in each of several runs, and print a table: the share of\n"
+        "gestures that reach Helmholtz motion, their largest contiguous area, median and interquartile range of\n"
+        "their transient lengths, the length of the boundary, and the areas of the five kinds of terrain in\n"
+        "section IV.B of the paper:\n\n"
         "  black                  cannot be played\n"
         "  smooth                 a small change of gesture changes the transient a little: docile\n"
         "  speckle without black  Helmholtz motion is safe, but transients are uneven\n"
         "  speckle with black     success and failure without order: dangerous\n"
         "  streaky                success and failure in streaks: the same to a player\n\n"
-        "Each number comes with its uncertainty, from the four interleaved grids of half the density. Of two runs the\n"
-        "difference is shown too; it is sure, *, where it is above three uncertainties and the coarser grids show it.",
+        "Each number has its uncertainty, from the four interleaved grids of half the density. For two runs the\n"
+        "difference is shown too. It is marked as sure, *, where it is above three uncertainties and is also seen on\n"
+        "the coarser grids.",
         epilog="examples:\n"
         "  bow compare runs/fig11c runs/fig11d                    delta against stiff, with the difference\n"
         "  bow compare runs/fig11? --out compared.png             the same as a picture, with maps and terrain\n"

@@ -1,4 +1,4 @@
-"""The command `bow recover`: a bag is repaired whose writer was killed."""
+"""The command `bow recover`: repairs a bag whose writer was killed."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ def add_command(commands: Any) -> None:
     parser = commands.add_parser(
         "recover",
         help="repair a bag whose writer was killed",
-        description="Keep what is whole in a run's bag, set aside in files beside it (bag_aside/) what is not, and "
+        description="Keep the complete parts of a run's bag, move damaged parts into files beside it (bag_aside/), and "
         "write its index anew; `bow sweep --resume` does this by itself. Prints JSON. "
-        "Exit status 0 if nothing damaged is left.",
+        "Exit status 0 if no damage is left.",
     )
-    parser.add_argument("--dry-run", action="store_true", help="say what would be done, change nothing")
-    parser.add_argument("--no-lock", action="store_true", help="where the file system has no locks")
+    parser.add_argument("--dry-run", action="store_true", help="report what would be done, change nothing")
+    parser.add_argument("--no-lock", action="store_true", help="for file systems without locks")
     parser.add_argument("directory", metavar="RUN", type=Path, help="run directory")
     parser.set_defaults(run=_recover)
 

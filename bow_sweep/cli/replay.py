@@ -1,4 +1,4 @@
-"""The command `bow replay`: a run's bag is classified again."""
+"""The command `bow replay`: classifies a run's bag again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add_command(commands: Any) -> None:
     """Add the parser of `replay`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "replay",
-        help="judge a run's bag again",
+        help="classify a run's bag again",
         description="Stream a bag through the classifier again. With the same thresholds the verdicts must be the "
         "recorded ones, byte for byte; with others a new set is written beside them, verdicts-HASH.npz.",
     )
@@ -31,15 +31,15 @@ def add_command(commands: Any) -> None:
 
 def _replay(args: argparse.Namespace) -> int:
     from bow_sweep.processes.supervisor import GraphError
-    from bow_sweep.record.replay import judge_here, replay
+    from bow_sweep.record.replay import classify_here, replay
 
-    judge = judge_here
+    classify = classify_here
     if args.graph:
         if not environment_is_ready():
             return USAGE
-        from bow_sweep.processes.replay_graph import judge_in_graph as judge
+        from bow_sweep.processes.replay_graph import classify_in_graph as classify
     try:
-        result = replay(args.directory, settings=args.settings, progress=percentages("replay"), judge=judge)
+        result = replay(args.directory, settings=args.settings, progress=percentages("replay"), classify=classify)
     except (ParameterError, OSError, ValueError) as error:
         return fail(str(error))
     except GraphError as error:

@@ -1,4 +1,4 @@
-"""The command `bow settings`: every setting with its default, unit, range and source."""
+"""The command `bow settings`: lists every setting with its default, unit, range and source."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `bow sweep`: one sweep, or the several of a campaign."""
+"""The command `bow sweep`: runs one sweep, or all sweeps of a campaign."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def add_command(commands: Any) -> None:
         "sweep",
         help="run a sweep on this machine, recorded and classified",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Start the graph on this machine (loopback only, unless --network says else), run a sweep, and "
-        "leave a run directory.",
+        description="Start the graph on this machine (loopback only, unless --network is given), run a sweep, and "
+        "write a run directory.",
         epilog=f"presets:\n{names}\n\ncampaigns, several sweeps one after the other:\n{more}\n\nexamples:\n"
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
-        "  bow sweep --resume small                  go on where a run was cut off\n"
-        "  bow sweep fig11d --network SUBNET         says how simulators of other machines join\n\n"
+        "  bow sweep --resume small                  continue a run that was interrupted\n"
+        "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
         "exit status: 0 done, 1 failed, 2 wrong usage, 3 done but for quarantined blocks, 130 interrupted",
     )
     parser.add_argument("preset", nargs="?", default="", help="named sweep; without one, the defaults of the package")
@@ -75,7 +75,7 @@ def add_command(commands: Any) -> None:
         help="processes (default: one a core)",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
-    parser.add_argument("--resume", metavar="RUN", type=Path, help="go on with this run directory")
+    parser.add_argument("--resume", metavar="RUN", type=Path, help="continue the run in this directory")
     parser.add_argument(
         "--network",
         metavar="WHERE",
@@ -88,10 +88,12 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("--no-dashboard", action="store_true", help="no dashboard node, no dashboard.rrd")
     parser.add_argument(
-        "--no-sync", action="store_true", help="call blocks done before they are on the disk: who trusts the power"
+        "--no-sync", action="store_true", help="call blocks done before they are on the disk: a power cut may lose some"
     )
     parser.add_argument(
-        "--no-lock", action="store_true", help="where the file system has no locks; see that nobody else is at work"
+        "--no-lock",
+        action="store_true",
+        help="for file systems without locks; see that no other process uses the run",
     )
     parser.set_defaults(run=_sweep)
 
@@ -159,7 +161,7 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, left_out: list
     total = sum(job.sweep.budget for job in jobs)
     before = 0
     if args.no_lock:
-        display.print_line("the run directory is not locked: see that nobody else is at work on it")
+        display.print_line("the run directory is not locked: make sure that no other process is at work on it")
     try:
         for number, job in enumerate(jobs, 1):
             p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y

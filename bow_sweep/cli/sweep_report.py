@@ -30,15 +30,15 @@ FILES = {
 """Files of a run directory that are for people; the pictures may be missing."""
 
 
-def self_check(directory: Path, say: Callable[[str], None], *, whole: bool) -> str:
+def self_check(directory: Path, print_line: Callable[[str], None], *, whole: bool) -> str:
     """Check bag, ledger, map and report of a finished run against each other.
 
     Parameters
     ----------
     directory
         Run directory.
-    say
-        Prints a line.
+    print_line
+        Called with a line for the user.
     whole
         Read every byte of the bag; otherwise only its index. A run that was resumed is read whole, because what
         happened to its files in between is unknown.
@@ -51,10 +51,10 @@ def self_check(directory: Path, say: Callable[[str], None], *, whole: bool) -> s
     from bow_sweep.record.verify import verify
 
     began = time.monotonic()
-    result = verify(directory, judge=False, index=not whole)
+    result = verify(directory, classify=False, index=not whole)
     took = time.monotonic() - began
     if took > MENTIONED_S:
-        say(f"checking bag, ledger, map and report took {took:.1f} s")
+        print_line(f"checking bag, ledger, map and report took {took:.1f} s")
     if result["ok"]:
         return ""
     lines = [
@@ -65,8 +65,8 @@ def self_check(directory: Path, say: Callable[[str], None], *, whole: bool) -> s
     ]
     run = shlex.quote(str(directory))
     return (
-        f"the run does not hold, {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
-        f"all of them: bow verify {run}\nwhat is not whole is computed again by: bow sweep --resume {run}"
+        f"the run has {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
+        f"all of them: bow verify {run}\ndamaged blocks are computed again by: bow sweep --resume {run}"
     )
 
 

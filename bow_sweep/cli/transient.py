@@ -1,4 +1,4 @@
-"""The command `bow transient`: one simulated string, without a graph."""
+"""The command `bow transient`: simulates one string, without a graph."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_command(commands: Any) -> None:
         "transient",
         help="simulate one cell, without a graph",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Simulate one bowed string and write, draw or sound its waveforms.",
+        description="Simulate one bowed string; write its waveforms as arrays, a picture or sound.",
         epilog="example: bow transient --model delta_cremer --v-mid 0.7 --f-asym 5.5 --f-init-ratio 1 --plot t.png\n\n"
         "--npz holds float64 arrays over samples: bridge_force, v, v_h, v_centre, friction_force, and bool slipping\n"
         "(state after the step).",

@@ -17,17 +17,17 @@ def add_command(commands: Any) -> None:
     """Add the parser of `validate`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "validate",
-        help="hold this program against what the paper states",
+        help="compare this program with the claims of the paper",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Print what the paper claims, where, what this program finds, and a verdict for each claim:\n"
-        "pass or fail by a tolerance that --markdown and --json give with its reason, report where the\n"
-        "paper gives nothing to hold a number against, needs runs where it speaks of a map that was not given.",
+        description="Print each claim of the paper with its source, the result of this program, and a verdict: pass\n"
+        "or fail by a tolerance, which --markdown and --json give with its reason; report where the paper gives\n"
+        "no number to compare with; needs runs where the claim is about a map that was not given.",
         epilog="examples:\n"
         "  bow validate                                  all claims about one string\n"
         "  bow validate runs/fig11?                      those about the maps of Figs 10 and 11 too\n"
         "  bow validate --json v.json --markdown v.md\n\n"
-        "Runs are known by their settings. A map coarser than 128 x 64 cells or shorter than 100 periods is\n"
-        "measured, but not judged.\n\n"
+        "Runs are recognised by their settings. For a map coarser than 128 x 64 cells or shorter than 100 periods\n"
+        "the results are shown without a verdict.\n\n"
         "exit status: 0 no claim fails, 1 one does, 2 wrong usage",
     )
     parser.add_argument("runs", metavar="RUN", nargs="*", type=Path, help="run directory, or a map.npz")

@@ -1,4 +1,4 @@
-"""The command `bow verify`: everything in a run's bag is accounted for."""
+"""The command `bow verify`: checks everything in a run's bag."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def add_command(commands: Any) -> None:
     """Add the parser of `verify`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "verify",
-        help="account for everything in a run's bag",
-        description="Account for every cell, chunk, sample and checksum of a run's bag and derive its verdicts again; "
-        "hold map.npz, report.json and ledger.jsonl against them. Prints JSON. "
-        "Exit status 0 only if all of it holds; otherwise `problems` names run, file, block and chunk.",
+        help="check everything in a run's bag",
+        description="Check every cell, chunk, sample and checksum of a run's bag, compute its verdicts again, and "
+        "compare map.npz, report.json and ledger.jsonl with them. Prints JSON. "
+        "Exit status 0 only if there is no problem; otherwise `problems` names run, file, block and chunk.",
     )
     parser.add_argument("directory", metavar="RUN", type=Path, help="run directory")
     parser.set_defaults(run=_verify)

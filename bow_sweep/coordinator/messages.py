@@ -32,11 +32,12 @@ def _identity(run: Run) -> dict[str, Any]:
 
 def plan_message(run: Run, state: PlanState, coordinator: str) -> bytes:
     """Return the Plan of a run with the state of every block; `coordinator` is an incarnation."""
-    states = [BLOCK_STATES.get(block.state, BlockState.OUTSTANDING) for block in run.ledger.blocks]
+    states = np.zeros(run.blocks.count, np.uint8)  # OUTSTANDING; the ledger does not have the blocks of a new round yet
+    states[: len(run.ledger.blocks)] = [BLOCK_STATES.get(block.state, 0) for block in run.ledger.blocks]
     values = {
         "state": state,
         "classifier": run.sweep.thresholds.hash,
-        "block_states": np.array(states, np.uint8),
+        "block_states": states,
         "rounds": run.blocks.announce(),
         "incarnation": coordinator,
     }

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from bow_sim.protocol.neighbours import LEFT, SILENT_S, is_gone
 from bow_sim.protocol.states import NodeState
-from bow_sweep.run.ledger import Event, Finished, Refused, SimulatorLost, SimulatorReady
+from bow_sweep.run.ledger_events import Event, Finished, Refused, SimulatorLost, SimulatorReady
 
 TAKEN_S = 3.0
 """A simulator has this many seconds to take a block that was sent to it."""

@@ -1,33 +1,31 @@
 """Colours of maps: of transient lengths, regimes and terrain, as plain arrays.
 
-The brighter a cell, the sooner Helmholtz motion came; black is never (as in the paper's Fig 11) and grey is a cell that
-was not computed. Viridis is perceptually uniform and can be read by the colour-blind; run backwards and stopped
-short of its dark end, the latest success stays apart from black.
+The brighter a cell, the sooner Helmholtz motion came. Black is never, as in the paper's Fig 11; grey is a cell that was
+not computed. Viridis is perceptually uniform and can be read by colour-blind people. It is reversed, and its dark end
+is not used, so that the longest transient can be distinguished from black.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-BLACK, GREY = (0, 0, 0), (150, 150, 150)
-"""Never; pending or quarantined."""
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.maps.plane import regime_label
 
+BLACK, GREY = (0, 0, 0), (150, 150, 150)
+"""No Helmholtz motion; a cell that was not computed."""
 
 HEADROOM = 1.1
-"""The colour scale of transient length runs to this times the longest possible: its last tenth is too near black."""
-
+"""The colour scale ends at this times the longest possible transient: the last tenth of viridis is too dark."""
 
 _VIRIDIS = (
     "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c "
     "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
 )
-
-
 _ANCHORS = np.array([[int(code[i : i + 2], 16) for i in (0, 2, 4)] for code in _VIRIDIS.split()], float)
-
 
 REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
     "no_oscillation": (240, 228, 66),
@@ -41,26 +39,24 @@ REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
     "anomalous_low_frequency": (0, 114, 178),
     "subharmonic": (120, 94, 240),
 }
-"""Okabe and Ito's colours, which colour-blind people tell apart; `SPARE_COLOURS` for regimes not named here."""
-
+"""Okabe and Ito's colours, which colour-blind people can distinguish. Other regimes have `SPARE_COLOURS`."""
 
 TERRAIN_COLOURS = ((0, 0, 0), (0, 158, 115), (86, 180, 233), (213, 94, 0), (240, 228, 66))
-"""Of `bow_sweep.maps.terrain.TERRAINS`, in their order: green is safe, blue uneven, orange and yellow dangerous. Okabe
-and Ito's."""
-
+"""Okabe and Ito's colours for `bow_sweep.maps.terrain.TERRAINS`, in their order: green is safe, blue uneven, orange and
+yellow dangerous."""
 
 SPARE_COLOURS = ((160, 110, 70), (250, 250, 250), (128, 0, 64), (0, 90, 60))
 
 
 def viridis(share: np.ndarray | float) -> np.ndarray:
-    """Return viridis at `share` 0 ... 1 of its way, shape (..., 3), uint8."""
+    """Return the colours of viridis at positions 0 ... 1, (..., 3) uint8."""
     place = np.clip(np.asarray(share, float), 0, 1) * (len(_ANCHORS) - 1)
     channels = [np.interp(place, np.arange(len(_ANCHORS)), _ANCHORS[:, channel]) for channel in range(3)]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
 def transient_colours(lengths: np.ndarray | float, periods: float) -> np.ndarray:
-    """Return the colours of transient lengths, shape (..., 3), uint8; black for 0, grey for NaN."""
+    """Return the colours of transient lengths, (..., 3) uint8; black for 0, grey for NaN."""
     lengths = np.asarray(lengths, float)
     colours = viridis(1 - np.nan_to_num(lengths) / (HEADROOM * periods))
     colours[lengths == 0] = BLACK
@@ -69,6 +65,20 @@ def transient_colours(lengths: np.ndarray | float, periods: float) -> np.ndarray
 
 
 def regime_colours(names: Iterable[str]) -> list[tuple[int, int, int]]:
-    """Return a colour for each regime, the same for the same names in every picture."""
+    """Return a colour for each regime; a regime has the same colour in every picture."""
     spare = itertools.cycle(SPARE_COLOURS)
     return [REGIME_COLOURS[name] if name in REGIME_COLOURS else next(spare) for name in names]
+
+
+def regime_legend(names: Sequence[str], rest: str = "pending") -> list[tuple[int, str, tuple[int, int, int]]]:
+    """Return code, label and colour of each regime and, last, of cells without a verdict.
+
+    Parameters
+    ----------
+    names
+        Of the regimes, by code.
+    rest
+        Label of the cells without a verdict.
+    """
+    labels = [*map(regime_label, names), rest]
+    return list(zip([*range(len(names)), PENDING], labels, [*regime_colours(names), GREY], strict=True))

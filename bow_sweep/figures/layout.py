@@ -1,4 +1,4 @@
-"""Paper for maps: a figure laid out in pixels, cells of whole dots, axes, colour bars and titles. With Matplotlib."""
+"""A Matplotlib figure laid out in pixels: maps whose cells are whole dots, axes, colour bars, titles."""
 
 from __future__ import annotations
 
@@ -19,11 +19,19 @@ from bow_sweep.figures.colours import transient_colours
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
 
 UNIT_DPI = 200
-"""Lengths on a layout are pixels at this resolution."""
+"""Lengths are pixels at this resolution."""
 
 
 class Layout:
-    """A figure laid out in pixels from its top left corner."""
+    """A figure whose parts are placed in pixels from its top left corner.
+
+    Parameters
+    ----------
+    width, height
+        Pixels of `UNIT_DPI`.
+    dpi
+        Dots an inch of the figure as a file.
+    """
 
     def __init__(self, width: float, height: float, dpi: float) -> None:
         self.width, self.height = width, height
@@ -31,16 +39,16 @@ class Layout:
         FigureCanvasAgg(self.figure)
 
     def axes(self, left: float, top: float, width: float, height: float) -> Axes:
-        """Return axes over a rectangle."""
+        """Return new axes in a rectangle."""
         rectangle = (left / self.width, 1 - (top + height) / self.height, width / self.width, height / self.height)
         return self.figure.add_axes(rectangle)
 
     def text(self, left: float, top: float, text: str, **style: Any) -> None:
-        """Write with the baseline `top` below the upper edge."""
+        """Write a text whose baseline is `top` below the upper edge of the figure."""
         self.figure.text(left / self.width, 1 - top / self.height, text, **style)
 
     def swatch(self, colour: Sequence[int], left: float, top: float, width: float, height: float) -> None:
-        """Draw a framed patch of one colour."""
+        """Draw a rectangle of one colour with a frame."""
         corner = (left / self.width, 1 - (top + height) / self.height)
         patch = Rectangle(
             corner,
@@ -54,7 +62,7 @@ class Layout:
         self.figure.add_artist(patch)
 
     def bar(self, colours: np.ndarray, ends: tuple[float, float], left: float, top: float, *size: float) -> Axes:
-        """Draw a colour bar, its first colour at the bottom, with ticks on its right; `size` is width and height."""
+        """Draw a colour bar with ticks on its right; `size` is width and height, the first colour is at the bottom."""
         bar = self.axes(left, top, *size)
         bar.imshow(colours[:, None], origin="lower", extent=(0, 1, *ends), aspect="auto", interpolation="nearest")
         bar.set_xticks([])
@@ -63,7 +71,7 @@ class Layout:
         return bar
 
     def length_bar(self, plane: Plane, left: float, top: float, *size: float) -> Axes:
-        """Draw the colour bar of transient length, a band for each length that can occur."""
+        """Draw the colour bar of transient length: a band for each possible length."""
         lengths = lengths_of(plane)
         half = CHUNK_PERIODS / 2
         bar = self.bar(
@@ -76,12 +84,12 @@ class Layout:
 
 
 def lengths_of(plane: Plane) -> np.ndarray:
-    """Return the transient lengths that can occur, (lengths,) periods."""
+    """Return the possible transient lengths, (lengths,) periods."""
     return np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)
 
 
 def cell_pixels(plane: Plane, size: tuple[int, int], dpi: float) -> tuple[float, float]:
-    """Return the size of a map near `size` whose cells are whole dots at `dpi`; both in pixels of `UNIT_DPI`."""
+    """Return a size near `size` for a map whose cells are whole dots at `dpi`; both in pixels of `UNIT_DPI`."""
     scale = dpi / UNIT_DPI
     ny, nx = plane.shape
     dots = [max(1, round(length * scale / count)) * count for length, count in zip(size, (nx, ny), strict=True)]
@@ -89,9 +97,9 @@ def cell_pixels(plane: Plane, size: tuple[int, int], dpi: float) -> tuple[float,
 
 
 def paint(ax: Axes, plane: Plane, colours: np.ndarray) -> None:
-    """Fill axes with one colour a cell, (ny, nx, 3) uint8, and their ticks."""
+    """Draw a map, a colour for each cell, (ny, nx, 3) uint8, and the ticks of its axes."""
     ny, nx = plane.shape
-    # The same dots as imshow() gives, which would resample them in floating point.
+    # The dots are those of imshow(), but it would resample them in floating point.
     ax.add_image(PcolorImage(ax, np.arange(nx + 1), np.arange(ny + 1), colours))
     ax.set(xlim=(0, nx), ylim=(0, ny))
     for direction, axis in zip((ax.xaxis, ax.yaxis), plane.axes, strict=True):
@@ -104,7 +112,7 @@ def paint(ax: Axes, plane: Plane, colours: np.ndarray) -> None:
 
 
 def label(ax: Axes, plane: Plane, x: str = "", y: str = "") -> None:
-    """Write the names of the axes: "full" with symbol and unit, "symbol" alone, or "" for none."""
+    """Write the titles of the axes: "full" with symbol and unit, "symbol" alone, or "" for none."""
     for kind, axis, write in ((x, plane.axes[0], ax.set_xlabel), (y, plane.axes[1], ax.set_ylabel)):
         title = axis.title(settings=plane.settings)
         if kind:
@@ -112,7 +120,7 @@ def label(ax: Axes, plane: Plane, x: str = "", y: str = "") -> None:
 
 
 def titles(plane: Plane) -> tuple[str, str]:
-    """Return what a map is of, and how it was made."""
+    """Return the title of a map, and a line with its grid and settings."""
     given = {name: value for name, value in plane.values.items() if name not in (plane.x_name, plane.y_name)}
     model = MODEL_NAMES.get(given.get("model", ""), given.get("model", ""))
     shown = [f"{model} string" if model else "Map of the bowed string"]
@@ -139,5 +147,5 @@ def _short(number: str) -> str:
 
 
 def percent(part: float, whole: float = 1.0) -> str:
-    """Return a share in words."""
+    """Return a share as text, in percent."""
     return f"{100 * part / whole:.1f} %"

@@ -1,4 +1,4 @@
-"""The figures of maps: one map with its regimes, the three tests, several maps together."""
+"""Pictures of maps: one map with its regimes, its three tests (Fig 10), several maps together (Fig 11)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.colours import BLACK, GREY, regime_colours, transient_colours, viridis
+from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours, viridis
 from bow_sweep.figures.layout import Layout, cell_pixels, label, lengths_of, paint, percent, titles
 from bow_sweep.maps.map_file import MapFile, MapFileError
 from bow_sweep.maps.plane import (
@@ -22,14 +22,13 @@ from bow_sweep.maps.plane import (
     TEST_RANGES,
     WANTED,
     Plane,
-    regime_label,
 )
 
 MAP_PIXELS = (1280, 640)
-"""The map of the main picture: 6.4 by 3.2 inches, the paper's two to one."""
+"""Size of the map in the main picture: 6.4 by 3.2 inches, two to one as in the paper."""
 
 PANEL_PIXELS = (768, 384)
-"""One of several maps on a page."""
+"""Size of each of several maps in a picture."""
 
 WHITE = (255, 255, 255)
 
@@ -39,11 +38,11 @@ PANELS = {
     "corners": "travelling corners in five periods",
     "helmholtz": "Helmholtz motion: all three tests passed",
 }
-"""The four of the paper's Fig 10."""
+"""The four panels of the paper's Fig 10."""
 
 
 def map_figure(plane: Plane, dpi: float) -> Figure:
-    """Return the main picture: transient length, how often each occurs, and the regimes at the end."""
+    """Return the main picture: the map of transient lengths, a histogram of them, and the regimes at the last test."""
     with style():
         width, height = cell_pixels(plane, MAP_PIXELS, dpi)
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
@@ -74,14 +73,13 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
 def regime_picture(plane: Plane) -> np.ndarray:
     """Return the colour of each cell's regime, (ny, nx, 3) uint8; grey where there is no verdict."""
     table = np.full((PENDING + 1, 3), GREY, np.uint8)
-    colours = regime_colours(plane.regime_names)
-    if colours:
-        table[: len(colours)] = colours
+    for code, _, colour in regime_legend(plane.regime_names):
+        table[code] = colour
     return table[plane.regime]
 
 
 def _scale_with_counts(layout: Layout, plane: Plane, left: float, top: float, height: float) -> None:
-    """Draw the colour bar, the number of cells at each length beside it, and black and grey below."""
+    """Draw the colour bar, a histogram of the lengths beside it, and black and grey below it."""
     mask = plane.mask()
     extras = [("never", BLACK, NEVER), ("not computed", GREY, NOT_COMPUTED)]
     extras = [extra for extra in extras if extra[2] == NEVER or (mask == extra[2]).any()]
@@ -109,14 +107,13 @@ def _scale_with_counts(layout: Layout, plane: Plane, left: float, top: float, he
 
 
 def _regime_legend(layout: Layout, plane: Plane, left: float, top: float) -> None:
-    """List the regimes with their colours, numbers of cells and shares."""
+    """Draw a legend of the regimes with numbers and shares of cells."""
     counts = plane.regime_counts()
-    names = [*map(regime_label, plane.regime_names), "not computed"]
-    rows = list(zip(names, [*regime_colours(plane.regime_names), GREY], counts, strict=True))
+    rows = list(zip(regime_legend(plane.regime_names, "not computed"), counts, strict=True))
     if not counts[-1]:
         rows.pop()
     pitch = min(46.0, MAP_PIXELS[1] / 2 / max(len(rows), 1))
-    for row, (name, colour, count) in enumerate(rows):
+    for row, ((_, name, colour), count) in enumerate(rows):
         at = top + row * pitch
         layout.swatch(colour, left, at, 0.65 * pitch, 0.65 * pitch)
         middle = at + 0.33 * pitch
@@ -126,7 +123,7 @@ def _regime_legend(layout: Layout, plane: Plane, left: float, top: float) -> Non
 
 
 def layer_colours(name: str, values: np.ndarray) -> np.ndarray:
-    """Return the colours of one test's results, (..., 3) uint8; grey for NaN."""
+    """Return the colours of the results of a test, (..., 3) uint8; grey for NaN."""
     values = np.asarray(values, float)
     low, high = TEST_RANGES[name]
     colours = viridis((np.nan_to_num(values) - low) / (high - low))
@@ -135,7 +132,7 @@ def layer_colours(name: str, values: np.ndarray) -> np.ndarray:
 
 
 def tests_figure(plane: Plane, layers: Mapping[str, np.ndarray], periods: int, dpi: float) -> Figure:
-    """Return the paper's Fig 10: three tests and their verdict, (ny, nx) each, after some periods."""
+    """Return the paper's Fig 10: the results of the three tests and whether all passed, (ny, nx) each."""
     with style():
         width, height = cell_pixels(plane, PANEL_PIXELS, dpi)
         left, top, across, down = 135.0, 185.0, width + 300, height + 165
@@ -162,7 +159,7 @@ def tests_figure(plane: Plane, layers: Mapping[str, np.ndarray], periods: int, d
 
 
 def _layer_scale(layout: Layout, name: str, left: float, top: float, height: float) -> None:
-    """Draw the colour bar of one test; what Helmholtz motion gives is in bold."""
+    """Draw the colour bar of a test; the result for Helmholtz motion is in bold."""
     low, high = TEST_RANGES[name]
     if name == "correlation":
         steps, ends = np.linspace(low, high, 256), (low, high)
@@ -184,7 +181,7 @@ def _pass_scale(layout: Layout, left: float, top: float) -> None:
 
 
 def maps_figure(planes: Sequence[tuple[str, Plane]], dpi: float) -> Figure:
-    """Return maps two abreast on one scale of transient length, each under its title."""
+    """Return maps in two columns with one scale of transient length, each with its title."""
     with style():
         longest = max((plane for _, plane in planes), key=lambda plane: plane.periods)
         sizes = [cell_pixels(plane, PANEL_PIXELS, dpi) for _, plane in planes]
@@ -208,16 +205,16 @@ def maps_figure(planes: Sequence[tuple[str, Plane]], dpi: float) -> Figure:
 
 
 def draw_map(plane: Plane, path: str | Path, dpi: float = 200) -> None:
-    """Draw transient length over the plane, in the manner of the paper's Fig 11, and the final regimes below.
+    """Draw transient length over the plane, as in the paper's Fig 11, and the regimes at the last test below.
 
     Parameters
     ----------
     plane
-        A :class:`MapFile`, or a :class:`~bow_sweep.maps.plane.Snapshot` of a map that still grows.
+        A :class:`MapFile`, or a :class:`~bow_sweep.maps.plane.Snapshot` in the middle of a sweep.
     path
-        Ends in .png, .svg or .pdf; replaced whole.
+        Ends in .png, .svg or .pdf. Readers see the old file or the complete new one.
     dpi
-        Dots an inch of a .png; every cell is a whole number of them wide and high.
+        Dots an inch of a .png; width and height of a cell are whole numbers of dots.
 
     Raises
     ------
@@ -229,7 +226,7 @@ def draw_map(plane: Plane, path: str | Path, dpi: float = 200) -> None:
 
 
 def draw_tests(result: MapFile, path: str | Path, periods: int | None = None, dpi: float = 200) -> None:
-    """Draw the three tests and their verdict after `periods` (the end unless given): the paper's Fig 10.
+    """Draw the three tests after `periods` (None: the last test) and whether all passed: the paper's Fig 10.
 
     Raises
     ------
@@ -249,7 +246,7 @@ def draw_tests(result: MapFile, path: str | Path, periods: int | None = None, dp
 
 
 def draw_maps(planes: Iterable[tuple[str, Plane]], path: str | Path, dpi: float = 200) -> None:
-    """Draw several maps two abreast on one scale: the whole of the paper's Fig 11. Each comes with its title.
+    """Draw several maps in two columns with one scale, as in the paper's Fig 11; `planes` are (title, map).
 
     Raises
     ------

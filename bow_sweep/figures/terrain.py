@@ -1,4 +1,4 @@
-"""The figures of terrain: maps with their terrain beside them, and the numbers of playability with their errors."""
+"""Pictures of terrain: maps with their terrain beside them, and measures of playability with their errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bow_sweep.maps.terrain import TERRAINS, UNKNOWN
 PANEL_PIXELS = (640, 320)
 DPI = 200
 PITCH = 46
-"""Pixels from one run to the next in a panel of numbers."""
+"""Pixels from one run to the next in a panel of measures."""
 
 NUMBERS = tuple(measure for measure in MEASURES if measure.name not in TERRAINS)
 
@@ -30,7 +30,7 @@ Panel = tuple[str, Plane, np.ndarray]
 
 
 def terrain_colours(codes: np.ndarray) -> np.ndarray:
-    """Return the colour of each cell's terrain, (ny, nx, 3) uint8; grey where it is not known."""
+    """Return the colour of the terrain of each cell, (ny, nx, 3) uint8; grey where it is unknown."""
     lookup = np.full((UNKNOWN + 1, 3), GREY, np.uint8)
     lookup[: len(TERRAIN_COLOURS)] = TERRAIN_COLOURS
     return lookup[codes]
@@ -52,16 +52,16 @@ def draw_comparison(runs: Sequence[Compared], path: Path) -> None:
 
 
 def comparison(panels: Sequence[Panel], names: Sequence[str], numbers: Sequence[Mapping[str, Any]]) -> Figure:
-    """Return maps down the page, the terrain of each beside it, and below the numbers of playability.
+    """Return maps one below the other, the terrain of each beside it, and measures of playability below.
 
     Parameters
     ----------
     panels
         One for each run.
     names
-        Of the runs, short.
+        Short names of the runs.
     numbers
-        What :func:`bow_sweep.maps.playability.playability` says of each.
+        Results of :func:`bow_sweep.maps.playability.playability` for each.
     """
     longest = max((plane for _, plane, _ in panels), key=lambda plane: plane.periods)
     sizes = [cell_pixels(plane, PANEL_PIXELS, DPI) for _, plane, _ in panels]
@@ -92,7 +92,7 @@ def comparison(panels: Sequence[Panel], names: Sequence[str], numbers: Sequence[
 
 
 def _legends(layout: Layout, plane: Plane, left: float, top: float, height: float) -> None:
-    """Draw the colour bar of transient length, and black."""
+    """Draw the colour bar of transient length, and black below it."""
     layout.length_bar(plane, left, top, 36, height - 62).set_ylabel("periods")
     layout.swatch(BLACK, left, top + height - 34, 36, 30)
     layout.text(left + 48, top + height - 18, "never", va="center")
@@ -108,7 +108,7 @@ def _dots(
     width: float,
     height: float,
 ) -> None:
-    """Draw one measure of all runs, the first at the top, with error bars."""
+    """Draw a measure of all runs with error bars; the first run is at the top."""
     ax = layout.axes(left, top, width, height)
     scale = 100 if measure.unit == "%" else 1
     end = 0.0
@@ -139,7 +139,7 @@ def _areas(
     width: float,
     height: float,
 ) -> None:
-    """Draw the areas of terrain as bars in parts, with their shares, and name the kinds below."""
+    """Draw the areas of terrain as stacked bars with their shares, and a legend below."""
     ax = layout.axes(left, top, width, height)
     for row, run in enumerate(numbers):
         start = 0.0
@@ -158,7 +158,7 @@ def _areas(
 
 
 def terrain_figure(panels: Sequence[Panel]) -> Figure:
-    """Return maps two abreast with the terrain of each to its right: the paper's Fig 11 and what it is made of."""
+    """Return maps in two columns with the terrain of each to its right: the paper's Fig 11 and its terrain."""
     longest = max((plane for _, plane, _ in panels), key=lambda plane: plane.periods)
     width, height = cell_pixels(longest, (512, 256), DPI)
     left, top, across, down = 110.0, 60.0, width + 44, height + 80
@@ -184,7 +184,7 @@ def terrain_figure(panels: Sequence[Panel]) -> Figure:
 
 
 def _kinds(layout: Layout, left: float, top: float, size: float) -> None:
-    """Name the kinds of terrain in a row, in letters of a size in points."""
+    """Draw a legend of the kinds of terrain in one row; `size` is that of the letters, points."""
     for kind, colour in zip(TERRAINS, TERRAIN_COLOURS, strict=True):
         layout.swatch(colour, left, top, 4 * size, 3.4 * size)
         layout.text(left + 5.5 * size, top + 1.7 * size, terrain_label(kind), va="center", fontsize=size)

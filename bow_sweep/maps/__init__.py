@@ -1,12 +1,12 @@
-"""What a sweep found, in the plane of its two parameters; and what a map says.
+"""What a sweep found, in the plane of its two parameters, and what is measured on it.
 
-axes         an axis: where cells and ticks lie
-plane        what every map has
+axes         an axis of a map: positions of cells and ticks, titles
+plane        what every map has, and the map in the middle of a sweep
 basin_map    the growing map: every verdict, by cell and test
 map_file     the finished map, map.npz
-in_process   a map computed here, without a graph
-terrain      which of the paper's five kinds of terrain lies around each cell
-streaks      how a map's streaks run
+in_process   a map computed in this process, without a graph
+terrain      which of the paper's five kinds of terrain surrounds each cell
+streaks      directions of the streaks of a map
 playability  measures of how easy a string is to play
 compare      measures of several maps, and their differences
 """

@@ -1,4 +1,4 @@
-"""An axis of the map as pictures need it: where its cells and ticks lie, and what to write beside them."""
+"""An axis of a map in a picture: positions of cells and ticks, and its title."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TITLES = {
     "v_mid": "string speed where friction is midway",
     "tau_f": "time constant of the bow force",
 }
-"""What an axis is called in full; other parameters are called by their own description."""
+"""Titles of axes; other parameters have their own description as title."""
 
 SYMBOLS = {
     "f_asym": r"$f_\mathrm{asym}$",
@@ -27,27 +27,27 @@ SYMBOLS = {
     "stiffness_b": r"$B$",
     "bow_bridge": r"$\beta N$",
 }
-"""The paper's symbols, for print."""
+"""The paper's symbols, in Matplotlib's mathematics."""
 
 PLAIN_SYMBOLS = {"f_init_ratio": "f_init / f_asym"}
-"""Symbols for viewers that cannot set mathematics, where the name itself will not do."""
+"""Symbols in plain text, where they differ from the name of the parameter."""
 
 
 class Tick(NamedTuple):
-    """A mark on an axis; `text` is empty for a minor one."""
+    """A mark on an axis, at a position in cells; `text` is empty for a minor tick."""
 
     position: float
     text: str
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
-    """One axis of a map, measured in cells: cell i reaches from i to i + 1, its value lies at i + 1/2.
+class PlotAxis:
+    """One axis of a map in a picture. Positions are in cells: cell i is from i to i + 1, its value at i + 1/2.
 
     Attributes
     ----------
     name
-        The parameter along it.
+        Name of the parameter.
     values
         (cells,) rising or falling, in the parameter's unit.
     scale
@@ -59,13 +59,13 @@ class Axis:
     scale: str
 
     @classmethod
-    def of(cls, name: str, values: np.ndarray) -> Axis:
-        """Return the axis through `values`, logarithmic where they are spaced so.
+    def of(cls, name: str, values: np.ndarray) -> PlotAxis:
+        """Return the axis of `values`, logarithmic where their ratios are constant.
 
         Raises
         ------
         ValueError
-            Where the values are none, not finite or not all different and in order.
+            Where there are no values, or they are not finite or do not rise or fall throughout.
         """
         values = np.asarray(values, float)
         steps = np.diff(values)
@@ -81,7 +81,7 @@ class Axis:
         return len(self.values)
 
     def position(self, value: float) -> float:
-        """Return where a value lies, in cells; beyond the ends the scale goes on."""
+        """Return the position of a value, in cells; values beyond the ends have positions outside the map."""
         if self.count == 1:
             return 0.5
         first, last = self._scaled(self.values[0]), self._scaled(self.values[-1])
@@ -99,7 +99,7 @@ class Axis:
         return 10**scaled if self.scale == "log" else scaled
 
     def ticks(self) -> list[Tick]:
-        """Return the ticks within the axis, labelled and minor ones, in rising position."""
+        """Return the ticks of the axis, with and without labels, by rising position."""
         if self.count == 1:
             return [Tick(0.5, _number(self.values[0]))]
         low, high = sorted((self._at(0.0), self._at(float(self.count))))
@@ -113,14 +113,14 @@ class Axis:
         return sorted(tick for tick in inside.values() if -1e-9 <= tick.position <= self.count + 1e-9)
 
     def title(self, mathematics: bool = True, settings: Iterable[str] = ()) -> str:
-        """Return what to write along the axis: name, symbol and unit.
+        """Return the title of the axis: name, symbol and unit.
 
         Parameters
         ----------
         mathematics
-            Symbols between dollar signs, for Matplotlib; else the parameter's name.
+            Whether to write symbols between dollar signs, for Matplotlib; else the name of the parameter.
         settings
-            "name=value" of the sweep: bow force is non-dimensional, and they say by what.
+            "name=value" of the sweep: the unit of bow force depends on bow speed and admittance.
         """
         known = FIELDS.get(self.name)
         words = TITLES.get(self.name) or (known.metadata["doc"] if known else self.name)
@@ -154,7 +154,7 @@ def _tidy(number: str) -> str:
 def _is_geometric(name: str, values: np.ndarray) -> bool:
     if len(values) < 2 or values.min() <= 0:
         return False
-    if len(values) == 2:  # two points fit any scale: take the usual one of the parameter
+    if len(values) == 2:  # two points fit any scale: take that of the parameter
         known = FIELDS.get(name)
         return known is not None and known.metadata.get("scale") == "log"
     logs = np.diff(np.log(values))
@@ -163,7 +163,7 @@ def _is_geometric(name: str, values: np.ndarray) -> bool:
 
 
 def _log_ticks(low: float, high: float) -> tuple[list[float], list[float]]:
-    """Return (labelled, minor) values: 1, 2, 5 a decade, or whole decades where there are many."""
+    """Return (labelled, minor) values: 1, 2, 5 in each decade, or only whole decades where there are many."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     wide = len(decades) > 5
     heads: tuple[int, ...] = (1,) if wide else (1, 2, 5)
@@ -174,7 +174,7 @@ def _log_ticks(low: float, high: float) -> tuple[list[float], list[float]]:
 
 
 def _linear_ticks(low: float, high: float) -> tuple[list[float], list[float]]:
-    """Return (labelled, minor) values: about five round numbers, each step in four or five."""
+    """Return (labelled, minor) values: about five round numbers, with four or five minor steps between two."""
     rough = (high - low) / 5
     power = 10.0 ** math.floor(math.log10(rough))
     factor, parts = next((f, p) for f, p in ((1, 5), (2, 4), (2.5, 5), (5, 5), (10, 5)) if f * power >= rough * 0.8)
@@ -191,6 +191,6 @@ def _inside(values: Iterable[float], low: float, high: float) -> list[float]:
 
 
 def _number(value: float) -> str:
-    """Return a number as people write it: no trailing zeros, no rounding dust."""
+    """Return a number as text, without trailing zeros and rounding errors."""
     text = f"{float(value):.6g}"
     return "0" if float(text) == 0 else text

@@ -1,4 +1,4 @@
-"""The growing map: every verdict of a sweep, kept per cell and test."""
+"""The growing map of a sweep: every verdict, by cell and test."""
 
 from __future__ import annotations
 
@@ -13,17 +13,21 @@ from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 
 
 class Basin:
-    """Verdicts over the plane of a sweep.
+    """The verdicts over the plane of a sweep.
 
     Parameters
     ----------
     nx, ny, tests
-        Cells along x and y, and tests of each cell.
+        Number of cells along x and y, and of tests of each cell.
 
     Attributes
     ----------
     layers
-        Name -> (tests, ny * nx), the fields of :data:`bow_sim.protocol.verdict_fields.VERDICT_FIELDS`.
+        Name -> (tests, ny * nx), one for each of :data:`bow_sim.protocol.verdict_fields.VERDICT_FIELDS`.
+    tested
+        (ny * nx,) uint16, number of tests of each cell.
+    transient_periods
+        (ny * nx,) float32, periods until the tests first passed (section III.B); 0 = not yet, NaN = no test.
     """
 
     def __init__(self, nx: int, ny: int, tests: int) -> None:
@@ -34,9 +38,16 @@ class Basin:
         self.transient_periods = np.full(ny * nx, np.nan, np.float32)
 
     def take(self, test: int, cells: np.ndarray, verdict: Mapping[str, Any]) -> None:
-        """Take in one test (0-based) of some cells; the same verdict twice changes nothing.
+        """Store the verdicts of one test of some cells; the same verdicts a second time change nothing.
 
-        `transient_periods` becomes the periods until the tests first passed, 0 while they never have (section III.B).
+        Parameters
+        ----------
+        test
+            Number of the test, from 0.
+        cells
+            (n,) cell indices.
+        verdict
+            Field -> (n,) values.
         """
         for name, layer in self.layers.items():
             layer[test, cells] = verdict[name]
@@ -46,14 +57,14 @@ class Basin:
         self.transient_periods[cells] = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0)
 
     def latest(self, name: str) -> np.ndarray:
-        """Return a layer at the latest test of every cell, shape (ny * nx,)."""
+        """Return a layer at the latest test of every cell, (ny * nx,)."""
         layer = self.layers[name]
         return layer[np.maximum(self.tested.astype(int), 1) - 1, np.arange(layer.shape[1])]
 
     def regime_counts(self) -> np.ndarray:
-        """Return how many cells are in each of `REGIMES` at their latest test."""
+        """Return how many cells are in each of `REGIMES` at their latest test, (regimes,)."""
         return np.bincount(self.latest("regime"), minlength=PENDING + 1)[: len(REGIMES)]
 
     def helmholtz_fraction(self) -> float:
-        """Return the fraction of all cells whose tests ever passed."""
+        """Return the share of all cells in which the tests have passed once."""
         return float(np.mean(np.nan_to_num(self.transient_periods) > 0))

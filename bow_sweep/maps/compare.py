@@ -1,4 +1,4 @@
-"""Runs beside each other: their maps, their terrain, and how easy the string is to play in each (section IV.B)."""
+"""Several maps compared: their terrain, and how easy the string is to play in each (section IV.B)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bow_sweep.maps.playability import MEASURES, playability
 from bow_sweep.maps.terrain import terrain
 
 SURE = 3.0
-"""Errors that a difference must have to be marked as one."""
+"""A difference is significant above this number of errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Compared:
     Attributes
     ----------
     name
-        Of its directory, or of its map's file.
+        Of its directory, or of its map.npz.
     plane
         Its map.
     codes
@@ -42,7 +42,7 @@ class Compared:
 
     @property
     def title(self) -> str:
-        """What the run is a map of, in a few words."""
+        """Model, v_mid and grid of the run, as text."""
         given = self.plane.values
         words = [MODEL_NAMES.get(given.get("model", ""), given.get("model", ""))]
         if "v_mid" in given:
@@ -57,7 +57,7 @@ def compare(runs: Sequence[Path]) -> list[Compared]:
     Raises
     ------
     MapFileError
-        Where there are fewer than two, or one has no map, or none of its cells is computed.
+        Where there are fewer than two runs, or one has no map, or a map without computed cells.
     """
     if len(runs) < 2:
         raise MapFileError(f"{len(runs)} run given; should be two at least")
@@ -72,7 +72,7 @@ def compare(runs: Sequence[Path]) -> list[Compared]:
 
 
 def names(runs: Sequence[Path]) -> list[str]:
-    """Return a short name of each run: its last part, or as much of its path as tells it from the others."""
+    """Return a short name of each run: the end of its path, as long as is needed to distinguish the runs."""
     parts = [run.resolve().parts for run in runs]
     for length in range(1, max(map(len, parts)) + 1):
         short = ["/".join(part[-length:]) for part in parts]
@@ -82,7 +82,7 @@ def names(runs: Sequence[Path]) -> list[str]:
 
 
 def difference(one: Compared, other: Compared, name: str) -> tuple[float | None, float | None]:
-    """Return how much greater a measure is in `other` than in `one`, and the error of that; None where unknown."""
+    """Return by how much a measure is greater in `other` than in `one`, and the error of this; None where unknown."""
     (first, error), (second, other_error) = (value_and_error(each.numbers, name) for each in (one, other))
     if first is None or second is None:
         return None, None
@@ -92,12 +92,12 @@ def difference(one: Compared, other: Compared, name: str) -> tuple[float | None,
 
 
 def value_and_error(numbers: dict[str, Any], name: str) -> tuple[float | None, float | None]:
-    """Return a measure of a playability, and its error."""
+    """Return the value of a measure and its error; None where unknown."""
     return numbers[name]["value"], numbers[name]["error"]
 
 
 def notes(found: Sequence[Compared]) -> list[str]:
-    """Return what a reader should know before holding these runs against each other."""
+    """Return what limits a comparison of these runs, one line each."""
     result = []
     first = found[0].plane
     for each in found:
@@ -118,9 +118,10 @@ def notes(found: Sequence[Compared]) -> list[str]:
 
 
 def sure(one: Compared, other: Compared, name: str) -> bool:
-    """Whether a difference is greater than `SURE` errors, and shows at least half as great on grids half as fine.
+    """Return whether a difference is significant.
 
-    The second asks for more than chance: a kind of terrain may be too small a patch for the coarser grids to see.
+    It must be greater than `SURE` errors, and at least half as great on grids of half the density: an area of terrain
+    may be too small for the coarser grids.
     """
     step, error = difference(one, other, name)
     if step is None or error is None:
@@ -130,7 +131,7 @@ def sure(one: Compared, other: Compared, name: str) -> bool:
 
 
 def as_json(found: Sequence[Compared]) -> dict[str, Any]:
-    """Return the comparison for programs; differences are those of each run from the first."""
+    """Return the comparison for JSON: the measures of each run, and its differences from the first run."""
     runs = [
         {"run": each.name, "map": each.title, "sweep_id": each.plane.sweep_id, "playability": each.numbers}
         for each in found

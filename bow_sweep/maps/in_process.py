@@ -1,4 +1,4 @@
-"""A sweep computed and judged in this process, without a graph and without a bag: for validation and calibration."""
+"""A sweep computed and classified in this process, without graph and bag: for validation and calibration."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bow_sweep.plan.sweep import Sweep
 
 
 def intervals_of(chunk: ChunkResult) -> Intervals:
-    """Return the slips of a chunk as the classifier takes them."""
+    """Return the slips of a chunk in the form that the classifier takes."""
     return Intervals(
         slipping=chunk.slipping, offsets=chunk.offsets, onset=chunk.onset, duration=chunk.duration, slip=chunk.slip
     )
@@ -31,16 +31,16 @@ def verdicts(
     Parameters
     ----------
     parameters
-        What all cells share.
+        Common to all cells.
     lanes
-        What differs: name -> (cells,), as in :class:`bow_sim.kernel.block.Block`.
+        Name -> (cells,), what differs between the cells; as in :class:`bow_sim.kernel.block.Block`.
     thresholds
-        Of the verdicts; the default ones unless given.
+        Of the verdicts; None: the default ones.
 
     Raises
     ------
     ParameterError
-        Naming the parameter, cell and value that is wrong.
+        For values that cannot be; names parameter, cell and value.
     """
     block = Block(parameters, lanes)
     cells = len(np.asarray(next(iter(lanes.values()))))
@@ -53,12 +53,10 @@ def verdicts(
 
 
 def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
-    """Compute the map of a sweep, one block after the other; of an adaptive one, what it asks for.
+    """Compute the map of a sweep block by block; for an adaptive sweep round by round.
 
     Parameters
     ----------
-    sweep
-        Its plan.
     progress
         Called with (cells done, cells) after each block.
     """

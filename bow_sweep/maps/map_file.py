@@ -1,4 +1,4 @@
-"""The finished map: ``map.npz`` for programs, pictures for people."""
+"""The finished map as a file, ``map.npz``."""
 
 from __future__ import annotations
 
@@ -29,36 +29,38 @@ TESTS = {**_KINDS, "helmholtz": np.bool_}
 """Name -> type of the arrays with a value for every test of every cell that every file has."""
 
 DERIVED = ("regressions", "flattening", "count")
-"""Arrays of map.npz with a value for every cell that follow from the others: for readers, not read back."""
+"""Names of the arrays with a value for every cell that are computed from the others. They are for other programs; they
+are not read back."""
 
 TEXTS = ("run_id", "sweep_id", "x_name", "y_name", "preset")
+"""Names of the texts."""
 
 
 class MapFileError(ValueError):
-    """A file is not a map, or a map cannot be drawn as asked; says which and why."""
+    """A file is not a map, or a map cannot be drawn as asked; names the file and the reason."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MapFile(Plane):
-    """A map with every test of every cell: what ``map.npz`` holds.
+    """A map with every test of every cell: the contents of ``map.npz``.
 
     Attributes
     ----------
     test_periods
-        (tests,) periods after which each test was made.
+        (tests,) time of each test, periods.
     correlation, period
-        (tests, ny, nx) float32; NaN = no interior maximum, or not computed. `period` in samples.
+        (tests, ny, nx) float32, `period` in samples; NaN = no interior maximum, or not computed.
     slips, corners
-        (tests, ny, nx) uint16, in the last five periods before each test.
+        (tests, ny, nx) uint16, number in the five periods before each test.
     helmholtz
-        (tests, ny, nx) bool: whether all three tests passed. False after True is a regression.
+        (tests, ny, nx) bool: whether all three tests of section III.B passed. False after True is a regression.
     regimes
-        (tests, ny, nx) uint8: `regime` at every test, 255 = no verdict; None = not kept.
+        (tests, ny, nx) uint8: `regime` at every test; None in older files.
     confidence
-        (tests, ny, nx) float32, 0 ... 1: that the regime is named rightly; NaN = no verdict; None = not kept.
+        (tests, ny, nx) float32: probability that the regime is right; NaN = no verdict; None in older files.
     simulated
-        (ny, nx) bool: cells that were simulated, of an adaptive sweep; elsewhere `transient_periods` is predicted, or
-        NaN where it was given up. None for an exhaustive sweep.
+        (ny, nx) bool: which cells of an adaptive sweep were simulated; in the others `transient_periods` is predicted,
+        or NaN where a block was given up. None for an exhaustive sweep.
     """
 
     test_periods: np.ndarray
@@ -73,20 +75,20 @@ class MapFile(Plane):
 
     @property
     def regressions(self) -> np.ndarray:
-        """(ny, nx) uint16: how often a test failed directly after one that passed."""
+        """(ny, nx) uint16: how often a test failed after the test before had passed."""
         passed = np.asarray(self.helmholtz, bool)
         return np.asarray((passed[:-1] & ~passed[1:]).sum(axis=0), np.uint16)
 
     @property
     def flattening(self) -> np.ndarray:
-        """(ny, nx) float32, cents: how far Helmholtz motion at the last test lies below nominal pitch; else NaN."""
+        """(ny, nx) float32, cents: how far Helmholtz motion at the last test is below nominal pitch; NaN elsewhere."""
         with np.errstate(invalid="ignore"):
             cents = 1200 * np.log2(np.asarray(self.period[-1], float) / self._number("period"))
         return np.where(self.helmholtz[-1], cents, np.nan).astype(np.float32)
 
     @property
     def count(self) -> np.ndarray:
-        """(ny, nx) uint8: the number that belongs to the regime's name, see `bow_classifier.verdict.regimes.count`."""
+        """(ny, nx) uint8: the number in the name of the regime, see `bow_classifier.verdict.regimes.count`."""
         from bow_classifier.verdict.regimes import count
 
         bridge = np.full(self.shape, self._number("bow_bridge"))
@@ -101,12 +103,12 @@ class MapFile(Plane):
 
     @classmethod
     def of(cls, sweep: Sweep, basin: Basin, run_id: str, not_computed: np.ndarray | None = None) -> MapFile:
-        """Return the map of a sweep from the coordinator's verdicts.
+        """Return the map of a sweep from its verdicts.
 
         Parameters
         ----------
         not_computed
-            (ny * nx,) bool: cells that are not done (quarantined or outstanding), whatever is known of them.
+            (ny * nx,) bool: cells that are not done (quarantined or outstanding), even where some verdicts are known.
         """
         from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 
@@ -134,7 +136,7 @@ class MapFile(Plane):
 
 
 def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
-    """Return the arrays that ``map.npz`` holds of a map, by name.
+    """Return the arrays of ``map.npz``, by name.
 
     The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
     `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY`
@@ -168,13 +170,13 @@ def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
             raise MapFileError(f"{name}: shape {arrays[name].shape}, should be {shape}")
     arrays |= {name: getattr(result, name) for name in DERIVED}
     for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
-        # the parameter `period` shares its name with a test; its axis is stored as axis_period
+        # `period` is both a parameter and a test; such an axis is stored as axis_period
         arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
     return arrays
 
 
 def write_map_npz(path: str | Path, result: MapFile) -> None:
-    """Write the arrays of a map; readers see the old file or the new one, never half of it.
+    """Write a map; readers see the old file or the complete new one.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def write_map_npz(path: str | Path, result: MapFile) -> None:
     """
     arrays = map_arrays(result)
     with replacing(path) as file:
-        np.savez(file, allow_pickle=False, **arrays)  # 3 MB; compressing costs half as much as the kernel
+        np.savez(file, allow_pickle=False, **arrays)  # 3 MB; compression would take half as long as the kernel
 
 
 def read_map_npz(path: str | Path) -> MapFile:
@@ -214,7 +216,7 @@ def read_map_npz(path: str | Path) -> MapFile:
 
 
 def _check_arrays(path: str | Path, result: MapFile) -> None:
-    """Raise MapFileError where the arrays do not fit each other or are not what they should be."""
+    """Raise MapFileError where an array has another type or shape than it should have."""
     for name in ("x", "y", "test_periods"):
         if getattr(result, name).ndim != 1 or getattr(result, name).dtype.kind not in "iuf":
             raise MapFileError(f"{path}: {name} should be a row of numbers")
@@ -233,11 +235,16 @@ def _check_arrays(path: str | Path, result: MapFile) -> None:
 
 
 def read_map(run: Path) -> MapFile:
-    """Return the map of a run directory, or in a map.npz.
+    """Return the map of a run.
+
+    Parameters
+    ----------
+    run
+        Run directory, or a map.npz.
 
     Raises
     ------
     MapFileError
-        Where there is none.
+        Where there is no map.
     """
     return read_map_npz(run / MAP if run.is_dir() else run)

@@ -1,9 +1,4 @@
-"""What pictures of a map are made of: its plane, the layers to draw and their colours. Plain arrays throughout.
-
-The colours say how good a gesture is: the brighter a cell, the sooner Helmholtz motion came; black is never (as in the
-paper's Fig 11) and grey is a cell that was not computed. Viridis is perceptually uniform and safe for the colour-blind;
-run backwards and stopped short of its dark end, the latest success stays apart from black.
-"""
+"""What every map has: a plane of two parameters and what is known of each cell. The map in the middle of a sweep."""
 
 from __future__ import annotations
 
@@ -17,11 +12,10 @@ import numpy as np
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
-from bow_sweep.maps.axes import Axis
+from bow_sweep.maps.axes import PlotAxis
 
 CLEAR, NEVER, NOT_COMPUTED = 0, 1, 2
-"""What the mask over the transient lengths says of a cell."""
-
+"""Codes of :meth:`Plane.mask`."""
 
 MODEL_NAMES = {
     "stiff_cremer": "Stiff/Cremer",
@@ -31,21 +25,21 @@ MODEL_NAMES = {
     "rounded_corner": "Rounded-corner",
     "torsion_absorbed": "Torsion-absorbed",
 }
-"""The models of the hierarchy as the paper calls them."""
+"""Names of the models in the paper."""
 
 TEST_LAYERS = ("correlation", "slips", "corners")
 """The three tests of section III.B."""
 
 TEST_RANGES = {"correlation": (0.0, 1.0), "slips": (0.0, 15.0), "corners": (0.0, 25.0)}
-"""Range of the colour scale of each test; what lies beyond takes the colour of the end."""
+"""Range of the colour scale of each test; values outside take the colour of the nearer end."""
 
 WANTED = {"correlation": 1.0, "slips": 5.0, "corners": 5.0}
-"""What Helmholtz motion gives in five periods."""
+"""Results of the tests for Helmholtz motion, over five periods."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plane:
-    """What every map has. Arrays are (ny, nx), row 0 the lowest y.
+    """What every map has. Arrays are (ny, nx); row 0 is the first value of y.
 
     Attributes
     ----------
@@ -54,9 +48,9 @@ class Plane:
     transient_periods
         float32, periods until the tests first passed; 0 = never, NaN = pending or quarantined.
     regime
-        uint8, index into `regime_names` at the latest test; 255 = no verdict.
+        uint8, index into `regime_names` at the latest test; `PENDING` = no verdict.
     settings
-        "name=value", every setting of the sweep; may be empty.
+        "name=value", every setting of the sweep; () where they are unknown.
     """
 
     run_id: str
@@ -72,9 +66,9 @@ class Plane:
     preset: str = ""
 
     @cached_property
-    def axes(self) -> tuple[Axis, Axis]:
+    def axes(self) -> tuple[PlotAxis, PlotAxis]:
         """The axes along x and y."""
-        return Axis.of(self.x_name, self.x), Axis.of(self.y_name, self.y)
+        return PlotAxis.of(self.x_name, self.x), PlotAxis.of(self.y_name, self.y)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -88,7 +82,7 @@ class Plane:
 
     @property
     def periods(self) -> float:
-        """Length of a simulation, and so the longest transient that can be seen; a guess where no setting says."""
+        """Length of a simulation, periods: the longest transient that can be seen; a guess without the setting."""
         try:
             return max(float(self.values["periods"]), CHUNK_PERIODS)
         except (KeyError, ValueError):
@@ -96,37 +90,37 @@ class Plane:
             return max(100.0, float(found))
 
     def mask(self) -> np.ndarray:
-        """Return which cells have no transient length, (ny, nx) uint8: CLEAR, NEVER or NOT_COMPUTED."""
+        """Return whether each cell has a transient length, (ny, nx) uint8: CLEAR (yes), NEVER or NOT_COMPUTED."""
         length = self.transient_periods
         return np.where(np.isnan(length), NOT_COMPUTED, np.where(length > 0, CLEAR, NEVER)).astype(np.uint8)
 
     def regime_counts(self) -> np.ndarray:
-        """Return how many cells are in each of `regime_names`, and last how many in none, (regimes + 1,)."""
+        """Return how many cells are in each of `regime_names` and, last, in none of them, (regimes + 1,)."""
         counts = np.bincount(np.asarray(self.regime).ravel(), minlength=PENDING + 1)
         named = counts[: len(self.regime_names)]
         return np.append(named, self.regime.size - named.sum())
 
     def helmholtz_fraction(self) -> float:
-        """Return the fraction of all cells in which Helmholtz motion ever came."""
+        """Return the share of all cells in which Helmholtz motion came."""
         return float(np.mean(np.nan_to_num(self.transient_periods) > 0))
 
     def with_plan(self, settings: Iterable[str], preset: str = "") -> Any:
-        """Return the same map knowing the settings of its sweep."""
+        """Return the same map with the settings of its sweep."""
         return replace(self, settings=tuple(settings), preset=preset)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Snapshot(Plane):
-    """The map as it stands in the middle of a sweep (BasinMap.msg).
+    """The map in the middle of a sweep (BasinMap.msg).
 
     Attributes
     ----------
     tests, slips, corners
-        (ny, nx) uint16: tests made so far; slips and corners at the latest.
+        (ny, nx) uint16: number of tests so far; slips and corners at the latest test.
     correlation
         (ny, nx) float32 at the latest test.
     done, quarantined, outstanding
-        Cells, by the coordinator's account; planned is their sum.
+        Numbers of cells, from the coordinator; their sum is `planned`.
     """
 
     tests: np.ndarray
@@ -139,12 +133,17 @@ class Snapshot(Plane):
 
     @classmethod
     def from_message(cls, values: Mapping[str, Any] | Any) -> Snapshot:
-        """Return the map in a BasinMap: the message, or its fields as ``wire.decode`` gives them.
+        """Return the map in a message BasinMap.
+
+        Parameters
+        ----------
+        values
+            The message, or its fields from :func:`bow_sim.protocol.cdr.decode`.
 
         Raises
         ------
         ValueError
-            Where arrays do not fit the axes, or an axis is none.
+            Where arrays do not fit the axes, or an axis cannot be.
         """
         get = values.__getitem__ if isinstance(values, Mapping) else lambda name: getattr(values, name)
         x, y = (np.array(get(name), float) for name in ("x", "y"))
@@ -159,7 +158,7 @@ class Snapshot(Plane):
         fields: dict[str, Any] = {name: str(get(name)) for name in ("run_id", "sweep_id", "x_name", "y_name")}
         fields |= {name: int(get(f"cells_{name}")) for name in ("done", "quarantined", "outstanding")}
         snapshot = cls(**fields, **grids, x=x, y=y, regime_names=tuple(get("regime_names")))
-        _ = snapshot.axes  # refuse bad axes here, at the border
+        _ = snapshot.axes  # raises for bad axes
         return snapshot
 
     @classmethod
@@ -185,31 +184,31 @@ class Snapshot(Plane):
 
     @property
     def planned(self) -> int:
-        """Cells of the sweep."""
+        """Number of cells that are in a block."""
         return self.done + self.quarantined + self.outstanding
 
 
 def upright(grid: np.ndarray) -> np.ndarray:
-    """Return a layer as an image: the first row of an image is at the top, that of a map at the bottom."""
+    """Return a layer as an image, (ny, nx): the first row of an image is at the top, that of a map at the bottom."""
     return np.ascontiguousarray(np.asarray(grid)[::-1])
 
 
 def image_of(plane: Plane) -> tuple[int, int, bytes]:
-    """Return the transient lengths for a sensor_msgs/Image: height, width and data.
+    """Return height, width and data of a sensor_msgs/Image of the transient lengths.
 
-    Encoding "32FC1", little endian, step 4 * width; y points up, so the top row is the highest y. Values in periods;
-    0 = never, NaN = not computed.
+    Encoding "32FC1", little endian, step 4 * width; the top row is the last y. Values in periods; 0 = never,
+    NaN = not computed.
     """
     height, width = plane.shape
     return height, width, upright(plane.transient_periods).astype("<f4").tobytes()
 
 
 def regime_label(name: str) -> str:
-    """Return a regime's name for people."""
+    """Return the name of a regime as text for people."""
     label = name.replace("_", " ")
     return label.replace("helmholtz", "Helmholtz").replace("raman", "Raman")
 
 
 def terrain_label(kind: str) -> str:
-    """Return a kind of terrain in words."""
+    """Return the name of a kind of terrain as text for people."""
     return {"safe_speckle": "speckle without black", "speckle": "speckle with black"}.get(kind, kind)

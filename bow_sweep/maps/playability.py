@@ -1,4 +1,4 @@
-"""Playability: what a map says, in numbers, of how easy a string is to play (section IV.B).
+"""Playability: measures of how easy a string is to play (section IV.B).
 
 The paper asks for measures "from the areas of the different types" of terrain, "a quick basis for comparison".
 """
@@ -16,7 +16,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.maps.terrain import TERRAINS, UNKNOWN, Texture, terrain
 
 SMALLEST = 8
-"""Fewest cells a side of a grid that an uncertainty is taken from: narrower ones have no texture."""
+"""Smallest side, in cells, of a grid that an uncertainty is computed from: narrower grids have no texture."""
 
 
 class Measure(NamedTuple):
@@ -27,17 +27,14 @@ class Measure(NamedTuple):
     name
         Key in :func:`playability`.
     title
-        In words.
+        For people.
     unit
         "" for a number, "%" for a share of the cells, "periods".
-    more
-        What more of it means: 1 easier to play, -1 harder, 0 neither by itself.
     """
 
     name: str
     title: str
     unit: str
-    more: int
 
     def text(self, value: float | None, error: float | None, signed: bool = False) -> str:
         """Return a value and its error in the unit of the measure, without the unit; "-" for None."""
@@ -49,18 +46,18 @@ class Measure(NamedTuple):
 
 
 MEASURES = (
-    Measure("helmholtz", "Helmholtz motion", "%", 1),
-    Measure("largest_area", "largest contiguous area", "%", 1),
-    Measure("median_transient", "transient, median", "periods", -1),
-    Measure("spread_transient", "transient, spread", "periods", -1),
-    Measure("boundary", "boundary, edges per cell", "", -1),
-    Measure("black", "black", "%", -1),
-    Measure("smooth", "smooth", "%", 1),
-    Measure("safe_speckle", "speckle without black", "%", 1),
-    Measure("speckle", "speckle with black", "%", -1),
-    Measure("streaky", "streaky", "%", -1),
+    Measure("helmholtz", "Helmholtz motion", "%"),
+    Measure("largest_area", "largest contiguous area", "%"),
+    Measure("median_transient", "transient, median", "periods"),
+    Measure("spread_transient", "transient, spread", "periods"),
+    Measure("boundary", "boundary, edges per cell", ""),
+    Measure("black", "black", "%"),
+    Measure("smooth", "smooth", "%"),
+    Measure("safe_speckle", "speckle without black", "%"),
+    Measure("speckle", "speckle with black", "%"),
+    Measure("streaky", "streaky", "%"),
 )
-"""The measures, in the order of tables; the last five are areas of terrain."""
+"""The measures in the order of tables; the last five are areas of terrain."""
 
 
 def playability(
@@ -71,39 +68,38 @@ def playability(
 ) -> dict[str, Any]:
     """Return the playability of a map, in plain numbers for report.json.
 
-    Cells that are not computed are left out of everything.
+    Cells that are not computed are left out of all measures.
 
     - *helmholtz*: share of cells in which Helmholtz motion came.
     - *largest_area*: the largest contiguous area of those, as a share of all cells; neighbours share an edge.
-    - *median_transient*, *spread_transient*: of their transient lengths, in periods; the spread is the distance from
-      the lower to the upper quartile. Motion that is found by a test came at some time since the test before: lengths
-      are taken as evenly spread over the five periods between.
-    - *boundary*: edges between a cell with and a neighbour without Helmholtz motion, per cell. A speck has four.
+    - *median_transient*, *spread_transient*: median and interquartile range of their transient lengths, periods. A test
+      finds motion that came at any time since the test before, so lengths are spread evenly over these five periods.
+    - *boundary*: number of edges between a cell with and a cell without Helmholtz motion, per cell. A speck has four.
     - *black* ... *streaky*: shares of the kinds of terrain (:mod:`bow_sweep.maps.terrain`).
 
-    Each comes as ``{"value": v, "error": e, "half_grid": h}``. The error is the uncertainty due to where the grid's
-    points happen to lie: the map is split into its four interleaved grids of every second cell along x and y, each is
-    measured by itself, and half the standard deviation of the four is given, as the four are independent samples of the
-    same plane. Their mean is *half_grid*: how it differs from *value* says how much a measure depends on the grid, as
-    boundary, area and terrain do. Both are None where those grids are smaller than `SMALLEST` a side, and where a
-    measure is None itself: lengths of no transients.
+    Each measure is ``{"value": v, "error": e, "half_grid": h}``. The error is the uncertainty due to the position of
+    the grid: the map is divided into four interleaved grids of every second cell along x and y, which are independent
+    samples of the same plane. Each grid is measured, and the error is half the standard deviation of the four results.
+    Their mean is *half_grid*. Its difference from *value* shows how much a measure depends on the density of the grid;
+    boundary, area and terrain do. Both are None where a side of the four grids is below `SMALLEST` cells, and where a
+    measure itself is None, such as the lengths of no transients.
 
     Parameters
     ----------
     transient_periods
         (ny, nx) periods; 0 = never, NaN = not computed.
     regime
-        (ny, nx) codes at the last test. Where given, *black_is* says which share of the black cells in each kind of
-        terrain ended in each regime; regimes below 1 % are left out.
+        (ny, nx) codes at the last test. With it the result has *black_is*: for each kind of terrain the shares of the
+        regimes among its black cells; shares below 1 % are left out.
     regime_names
-        What the codes mean.
+        Names of the codes.
     texture
-        Scales and limits of terrain.
+        Scales and limits of terrain; None: the default ones.
 
     Raises
     ------
     ValueError
-        Where the map is not a plane of cells.
+        Where the map has not two dimensions, or no cells.
     """
     lengths = np.asarray(transient_periods, float)
     codes = terrain(lengths, texture)
@@ -129,7 +125,7 @@ def playability(
 
 
 def measure(transient_periods: ArrayLike, codes: NDArray[np.uint8]) -> dict[str, float | None]:
-    """Return the measures of a map with its terrain, without uncertainties; None where there is nothing to measure.
+    """Return the values of the measures of a map; None where there is nothing to measure.
 
     Parameters
     ----------
@@ -155,12 +151,12 @@ def measure(transient_periods: ArrayLike, codes: NDArray[np.uint8]) -> dict[str,
 
 
 def quartiles(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quartiles of transient lengths, (3,) periods, each length spread over the interval that it ends.
+    """Return the quartiles of transient lengths, (3,) periods; equal lengths are spread over the test interval before.
 
     Parameters
     ----------
     lengths
-        (transients,) multiples of five periods; one at least.
+        (transients,) multiples of five periods; one or more.
     """
     ordered = np.sort(lengths)
     _, first, counts = np.unique(ordered, return_index=True, return_counts=True)
@@ -186,7 +182,7 @@ def boundary(came: NDArray[np.bool_], known: NDArray[np.bool_]) -> int:
 def black_is(
     lengths: NDArray[np.float64], codes: NDArray[np.uint8], regime: NDArray[np.uint8], names: Sequence[str]
 ) -> dict[str, dict[str, float]]:
-    """Return what the black cells of each kind of terrain are: terrain -> regime -> share; see :func:`playability`."""
+    """Return the regimes of the black cells of each kind of terrain: terrain -> regime -> share, the largest first."""
     result = {}
     for code, kind in enumerate(TERRAINS):
         inside = regime[(codes == code) & (lengths == 0)]

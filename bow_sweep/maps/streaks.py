@@ -1,4 +1,4 @@
-"""How a map's streaks run, against the contours of initial bow force: the paper's Fig 12 and its suspicion (IV.B)."""
+"""Directions of the streaks of a map, compared with the contours of initial bow force (Fig 12, section IV.B)."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from bow_sweep.maps.terrain import STREAKY, Features, Texture, decide, features
 Floats = NDArray[np.float64]
 
 CLOSE = 15.0
-"""Degrees within which a streak goes along with a contour."""
+"""A streak follows a contour where their directions differ by at most this angle, degrees."""
 
 PATCH = 8
-"""Cells a side of the patches that are turned as a whole in the null: neighbouring directions are not independent."""
+"""Side of a patch, cells. Directions of neighbours are not independent, so the null hypothesis turns whole patches."""
 
 DRAWS = 999
-"""Random maps of each null."""
+"""Number of random maps for each null hypothesis."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """How the streaks of a map run against lines in its plane.
+    """Directions of the streaks of a map compared with those of lines in its plane.
 
     Attributes
     ----------
     cells
-        Streaky cells compared.
+        Number of streaky cells.
     mean
-        Mean of direction of the streak less direction of the line, degrees -90 ... 90, both counter-clockwise in the
-        picture where cells are square; the mean is that of doubled angles, as 0 and 180 degrees are one direction.
+        Mean of direction of the streak minus direction of the line, degrees, -90 ... 90, counter-clockwise where cells
+        are square. It is the mean of doubled angles, because 0 and 180 degrees are one direction.
     error
-        Of the mean: jackknife over patches of `PATCH` by `PATCH` cells, degrees.
+        Standard error of the mean, degrees, by the jackknife over patches of `PATCH` by `PATCH` cells.
     spread
         Circular standard deviation of the difference, degrees.
     close
         Share of cells within `CLOSE` degrees of the line.
     turned
-        The same share where every patch is turned by a random angle: mean of `DRAWS` draws. `CLOSE`/90 but for chance.
+        The same share where every patch is turned by a random angle, mean of `DRAWS` draws; `CLOSE`/90 is expected.
     turned_p
-        Chance that turned patches are as close, or closer.
+        Probability of a share as great as `close` with turned patches.
     shuffled
-        The same share where the streaks' directions are dealt out anew among the cells: what one common direction gives
-        without bending along with the lines.
+        The same share where the directions of the streaks are permuted among the cells: these streaks have the right
+        mean direction but do not bend with the lines.
     shuffled_p
-        Chance that shuffled patches are as close, or closer.
+        Probability of a share as great as `close` with permuted directions.
     """
 
     cells: int
@@ -71,12 +71,12 @@ def contour_directions(f_asym: ArrayLike, f_init_ratio: ArrayLike, left: float =
     f_asym, f_init_ratio
         (nx,) and (ny,) values of the axes; the first positive, the second not negative; two each at least.
     left
-        exp(-t/tau_f), what is left of the transient of force: 1 at the start, 0 at the end.
+        exp(-t/tau_f), the rest of the transient of force: 1 at the start, 0 at the end.
 
     Returns
     -------
     ndarray
-        (ny, nx) radians from the x axis, counter-clockwise, 0 ... pi.
+        (ny, nx) radians from the x axis, counter-clockwise, 0 ... pi; cells are square.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def contour_directions(f_asym: ArrayLike, f_init_ratio: ArrayLike, left: float =
 def alignment(
     transient_periods: ArrayLike, lines: ArrayLike, texture: Texture | None = None, seed: int = 1
 ) -> Alignment | None:
-    """Return how the streaks of a map run against lines, or None where it has no streaks.
+    """Compare the directions of the streaks of a map with those of lines; None where it has no streaks.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def alignment(
     lines
         (ny, nx) directions in radians, see :func:`contour_directions`.
     seed
-        Of the nulls' random numbers.
+        Of the random numbers.
     """
     texture = texture or Texture()
     found = features(transient_periods, texture)
@@ -138,12 +138,12 @@ def alignment(
 
 
 def streaks(found: Features, texture: Texture) -> NDArray[np.bool_]:
-    """Return the streaky cells whose surroundings have a direction, (ny, nx)."""
+    """Return the streaky cells whose borders have a direction, (ny, nx) bool."""
     return np.asarray((decide(found, texture) == STREAKY) & (found.coherence > texture.coherence))
 
 
 def _axial(angle: Floats) -> Floats:
-    """Return differences of directions in -pi/2 ... pi/2."""
+    """Return differences of directions within -pi/2 ... pi/2."""
     return np.mod(angle + np.pi / 2, np.pi) - np.pi / 2
 
 
@@ -152,5 +152,5 @@ def _close(difference: Floats) -> float:
 
 
 def _chance(draws: Floats, value: float) -> float:
-    """Return how often draws are as great as a value, counting the value itself as one of them."""
+    """Return the share of draws that are as great as a value; the value itself counts as a draw."""
     return float((np.sum(draws >= value) + 1) / (len(draws) + 1))

@@ -1,17 +1,18 @@
-"""Terrain: which of the paper's five kinds lies around each cell of a map (section IV.B).
+"""Terrain: which of the paper's five kinds surrounds each cell of a map (section IV.B).
 
-Section IV.B tells five kinds of terrain apart by eye: uniform black, smooth, two kinds of speckle, streaky. Here they
-are told apart by four features of the picture of transient lengths, each a question that the paper's words ask:
+Section IV.B distinguishes five kinds of terrain by eye: uniform black, smooth, two kinds of speckle, streaky. Here they
+are distinguished by four features of the map of transient lengths, derived from the paper's descriptions:
 
 =============  ==================================================================================
-specks         how many cells near by are other than most of their neighbours
-narrow         whether colour, or black, is too narrow here for a disc of radius `Texture.solid`
-coherence      whether the borders between colour and black near by run in one direction
-unevenness     how many coloured neighbours in a row have lengths that do not follow each other
+specks         how many cells near by differ from most of their neighbours
+narrow         whether a disc of radius `Texture.solid` fits into the coloured, or black, area here
+coherence      whether the borders between colour and black near by have one direction
+unevenness     how often the lengths of three coloured cells in a row are not on a line
 =============  ==================================================================================
 
-A cell with many specks or of a narrow part is *streaky* where borders run in one direction, and *speckle* (with black)
-where they do not; among the others black is *black*, and colour is *smooth* or *safe speckle* by its unevenness.
+A cell with many specks near by, or in a narrow area, is *streaky* where the borders have one direction, else *speckle*
+(with black). Of the other cells, black ones are *black*, and coloured ones are *smooth* or, where their lengths are
+uneven, *safe speckle*.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 TERRAINS = ("black", "smooth", "safe_speckle", "speckle", "streaky")
-"""Names of the codes. *safe_speckle* has few black cells and uneven lengths, *speckle* has coloured and black cells
-interleaved without order, *streaky* with order."""
+"""Names of the codes. *safe_speckle* has few black cells and uneven lengths; in *speckle* coloured and black cells are
+interleaved at random, in *streaky* they form streaks."""
 
 BLACK, SMOOTH, SAFE_SPECKLE, SPECKLE, STREAKY = range(len(TERRAINS))
 
 UNKNOWN = 255
-"""Terrain of a cell that is not computed."""
+"""Code of a cell that is not computed."""
 
 REACH = 3.0
 """A Gaussian window ends at this many standard deviations."""
@@ -42,56 +43,58 @@ REACH = 3.0
 
 @dataclass(frozen=True)
 class Texture:
-    """Scales and limits of the features; tuned on synthetic maps whose terrain is known (tests/classifier/terrains.py).
+    """Scales and limits of the features, tuned on synthetic maps of known terrain (tests/support/terrains.py).
 
-    Scales are in cells, since specks are single cells whatever the grid; they are standard deviations of Gaussian
-    windows unless said. Limits are shares, 0 ... 1.
+    Scales are in cells, because specks are single cells on any grid; they are standard deviations of Gaussian windows
+    unless stated otherwise. Limits are shares, 0 ... 1.
     """
 
     majority: float = 1.0
-    """Window in which most cells decide what a cell's surroundings are: about nine cells, so that a speck is outvoted
-    and a streak two cells wide is not."""
+    """Window in which the majority decides whether the surroundings are coloured or black: about nine cells, enough to
+    ignore a speck, and few enough to see a streak that is two cells wide."""
 
     window: float = 1.8
-    """Window in which specks are counted: some twenty cells, as few as tell one black cell in five from one in ten."""
+    """Window in which specks are counted: about twenty cells, the fewest that distinguish one black cell in five from
+    one in ten."""
 
     solid: float = 5.0
-    """Radius of the disc that fits into whatever is not narrow. The streaks of Fig 11(c) are up to ten cells apart."""
+    """Radius of the disc that does not fit into a narrow area. The streaks of Fig 11(c) are up to ten cells apart."""
 
     slope: float = 0.8
     """Window of the derivatives that find borders: less than the narrowest streak, two cells."""
 
     tensor: float = 3.0
-    """Window over which borders are compared in direction: a streak and both its neighbours."""
+    """Window in which the directions of borders are compared: a streak and its two neighbours."""
 
     lengths: float = 2.5
-    """Window in which unevenness is counted; wider than `window`, as smooth terrain is to be smooth for a while."""
+    """Window in which unevenness is counted; wider than `window`, because smooth terrain should be smooth over some
+    distance."""
 
     few_black: float = 0.18
-    """Most specks in safe or smooth terrain, "a low density of black spots"."""
+    """Largest share of specks in safe or smooth terrain, "a low density of black spots"."""
 
     few_colour: float = 0.12
-    """Most specks in black: fewer than in colour, as one success among eight failures is already no uniform black."""
+    """Largest share of specks in black; less than in colour, because one success in nine is not uniform black."""
 
     narrow: float = 0.4
-    """Least share of narrow cells, in the window `majority`, that makes a place narrow."""
+    """Least share of narrow cells, in the window `majority`, in a narrow area."""
 
     coherence: float = 0.48
-    """Least coherence of streaks. Independent cells give 0.19 +- 0.10 in the window `tensor`, straight lines 1."""
+    """Least coherence of streaks. Independent cells have 0.19 +- 0.10 in the window `tensor`, straight lines 1."""
 
     uneven: float = 0.4
-    """Least unevenness of speckle. Independent lengths, 12 to 22 periods apart, give 0.67 to 0.82, smooth ones 0."""
+    """Least unevenness of speckle. Independent lengths, 12 to 22 periods apart, have 0.67 to 0.82, smooth ones 0."""
 
     jump: float = 2.0
-    """Test intervals that a length must differ from the line through its neighbours, twice over, to count as uneven:
-    rounding to intervals alone gives up to 2."""
+    """A length is uneven where twice its distance from the line through its neighbours is more than this, in test
+    intervals. Rounding to test intervals alone gives up to 2."""
 
     vote: float = 1.6
-    """Window in which the kinds are voted on at the end: terrain is a property of a place, not of a cell."""
+    """Window in which the most frequent kind is taken at the end: terrain is a property of an area, not of a cell."""
 
 
 class Features(NamedTuple):
-    """What the texture of a map is, each (ny, nx).
+    """The features of a map, each (ny, nx).
 
     Attributes
     ----------
@@ -102,15 +105,15 @@ class Features(NamedTuple):
     mostly
         Whether most cells near by are coloured.
     specks
-        Share of cells near by that are other than most of their neighbours, 0 ... 1.
+        Share of cells near by that differ from most of their neighbours, 0 ... 1.
     narrow
-        Share of narrow cells near by, 0 ... 1.
+        Share of cells near by in narrow areas, 0 ... 1.
     coherence
-        Of the borders' directions near by, 0 ... 1.
+        Of the directions of the borders near by, 0 ... 1; 1 = one direction.
     direction
-        Along the borders near by, radians from the x axis, counter-clockwise in cells, 0 ... pi.
+        Of the borders near by, radians from the x axis, counter-clockwise, 0 ... pi; cells are square.
     unevenness
-        Share of coloured neighbours in a row whose lengths do not follow each other, 0 ... 1.
+        Share of three coloured cells in a row whose lengths are not on a line, 0 ... 1.
     """
 
     known: Mask
@@ -124,31 +127,31 @@ class Features(NamedTuple):
 
 
 def terrain(transient_periods: ArrayLike, texture: Texture | None = None) -> NDArray[np.uint8]:
-    """Return the terrain around every cell of a map.
+    """Return the terrain of every cell of a map.
 
     Parameters
     ----------
     transient_periods
         (ny, nx) periods until Helmholtz motion; 0 = never, NaN = not computed.
     texture
-        Scales and limits; the default ones unless given.
+        Scales and limits; None: the default ones.
 
     Returns
     -------
     ndarray
-        (ny, nx) uint8 codes of `TERRAINS`, or `UNKNOWN`.
+        (ny, nx) uint8, indices into `TERRAINS`, or `UNKNOWN`.
 
     Raises
     ------
     ValueError
-        Where the map is not a plane of cells.
+        Where the map has not two dimensions, or no cells.
     """
     texture = texture or Texture()
     return decide(features(transient_periods, texture), texture)
 
 
 def decide(found: Features, texture: Texture) -> NDArray[np.uint8]:
-    """Return the terrain that features amount to, (ny, nx) uint8."""
+    """Return the terrain that follows from features, (ny, nx) uint8."""
     if not found.known.any():
         return np.full(found.known.shape, UNKNOWN, np.uint8)
     specked = found.specks > np.where(found.mostly, texture.few_black, texture.few_colour)
@@ -166,7 +169,7 @@ def features(transient_periods: ArrayLike, texture: Texture | None = None) -> Fe
     Raises
     ------
     ValueError
-        Where the map is not a plane of cells.
+        Where the map has not two dimensions, or no cells.
     """
     texture = texture or Texture()
     lengths = np.asarray(transient_periods, float)
@@ -190,21 +193,22 @@ def features(transient_periods: ArrayLike, texture: Texture | None = None) -> Fe
 
 
 def _blur(values: ArrayLike, sigma: float) -> Floats:
-    """Return sums in a Gaussian window; there is nothing beyond the map."""
+    """Return sums in a Gaussian window; cells outside the map count 0."""
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(gaussian_filter(np.asarray(values, float), sigma, mode="constant", truncate=REACH))
 
 
 def _near(values: ArrayLike, known: Mask, sigma: float) -> Floats:
-    """Return means in a Gaussian window over the cells that are known; 0 where there is none."""
+    """Return means over the known cells in a Gaussian window; 0 where there are none."""
     return _blur(np.where(known, values, 0.0), sigma) / np.maximum(_blur(known, sigma), 1e-12)
 
 
 def _opened(mask: Mask, radius: float) -> Mask:
-    """Return the part of a mask that discs of a radius, in cells, cover without leaving it.
+    """Return the morphological opening of a mask with a disc: the cells that a disc inside the mask can cover.
 
-    The mask goes on beyond the map as it ends there, so that a border of the map is none of the mask.
+    The mask is continued beyond the map with the values at the border, so that the border of the map is not a border of
+    the mask. `radius` is in cells.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -223,9 +227,9 @@ def _opened(mask: Mask, radius: float) -> Mask:
 def _borders(coloured: Mask, known: Mask, texture: Texture) -> tuple[Floats, Floats]:
     """Return coherence and direction of the borders between colour and black, each (ny, nx).
 
-    From the structure tensor, the mean product of the derivatives, less the product of the mean derivatives: at the
-    edge of a region all derivatives point the same way and cancel out, on the two sides of a streak they are opposite
-    and stay. So a fuzzy edge is no streak.
+    They come from the structure tensor, the mean product of the derivatives, minus the product of the mean derivatives.
+    At the edge of a region all derivatives have one sign and cancel out; on the two sides of a streak they have
+    opposite signs and remain. So a blurred edge is not a streak.
     """
     height = _near(coloured, known, texture.slope)
     down, across = (
@@ -242,7 +246,7 @@ def _borders(coloured: Mask, known: Mask, texture: Texture) -> tuple[Floats, Flo
 
 
 def _unevenness(lengths: Floats, texture: Texture) -> Floats:
-    """Return the share of coloured threes in a row near by whose middle is far from the line through its neighbours."""
+    """Return the share of three coloured cells in a row near by whose lengths are not on a line, (ny, nx)."""
     threes, uneven = np.zeros((2, *lengths.shape))
     for axis in (0, 1):
         row, counted, jumped = (np.moveaxis(array, axis, 0) for array in (lengths, threes, uneven))

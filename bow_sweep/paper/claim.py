@@ -1,4 +1,4 @@
-"""What a claim of the paper is, and what is found of it; the claims themselves are in `claims_*.py`."""
+"""A claim of the paper and its verdict; the claims themselves are in `claims_*.py`."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ VERDICTS = (PASS, FAIL, REPORT, NEEDS_RUNS)
 
 @dataclass(frozen=True)
 class Row:
-    """One claim.
+    """A claim and its verdict.
 
     Attributes
     ----------
     key
         Short name, unique in the table.
     claim
-        What is claimed, in words.
+        The claim as text.
     where
-        Where it stands: section or figure of the paper, or of PHYSICS.md.
+        Its source: section or figure of the paper, or of PHYSICS.md.
     expected
         The value claimed.
     measured
-        Ours.
+        The result of this program, as text.
     verdict
         One of `VERDICTS`.
     reason
-        Why the tolerance is what it is, or why there is none.
+        The tolerance with its reason, or why there is none.
     values
         The numbers behind `measured`, for programs.
     """
@@ -47,17 +47,17 @@ class Row:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-class Found(NamedTuple):
-    """What was looked for and found.
+class Finding(NamedTuple):
+    """The result of this program for a claim.
 
     Attributes
     ----------
     measured
-        In words.
+        As text.
     holds
-        Whether the claim does; None where there is nothing to hold it against.
+        Whether the claim holds; None where there is nothing to compare with.
     values
-        The numbers.
+        The numbers, by name.
     """
 
     measured: str
@@ -66,19 +66,19 @@ class Found(NamedTuple):
 
 
 Maps = Mapping[str, MapFile]
-"""The maps that were given, by their letter in Fig 11."""
+"""Maps by their letter in Fig 11."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim and how it is looked into; the texts are those of :class:`Row`.
+    """A claim and the function that checks it; the texts are those of :class:`Row`.
 
     Attributes
     ----------
     needs
-        Letters of the maps of Fig 11 that it is about; "" for none.
-    look
-        Takes the maps.
+        Letters of the maps of Fig 11 that the claim is about; "" for none.
+    check
+        Takes the maps and returns the result.
     """
 
     key: str
@@ -87,15 +87,15 @@ class Claim:
     expected: str
     reason: str
     needs: str
-    look: Callable[[Maps], Found]
+    check: Callable[[Maps], Finding]
 
     def judge(self, maps: Maps) -> Row:
-        """Return the row; a map that is coarser or shorter than the paper's is measured, not judged."""
+        """Return the row. With maps coarser or shorter than the paper's there is a result, but no verdict."""
         text = (self.key, self.claim, self.where, self.expected)
         missing = [f"fig11{letter}" for letter in self.needs if letter not in maps]
         if missing:
             return Row(*text, f"give a run of {', '.join(missing)}", NEEDS_RUNS, self.reason)
-        measured, holds, values = self.look(maps)
+        measured, holds, values = self.check(maps)
         coarse = [letter for letter in self.needs if not at_paper_size(maps[letter])]
         if coarse and holds is not None:
             measured += f"; not judged: ({', '.join(coarse)}) coarser or shorter than the paper's"
@@ -105,7 +105,7 @@ class Claim:
 
 
 def _plain(value: Any) -> Any:
-    """Turn NumPy's numbers and arrays into what JSON has; NaN and infinity, which it has not, into None."""
+    """Return a value with the types of JSON; NaN and infinity become None."""
     if isinstance(value, dict):
         return {str(name): _plain(part) for name, part in value.items()}
     if hasattr(value, "tolist"):
@@ -118,18 +118,18 @@ def _plain(value: Any) -> Any:
 
 
 class Claims:
-    """The claims of a module, in the order of the table: `claim` makes one of a function that looks into it."""
+    """The claims of a module, in the order of the table; :meth:`claim` adds one."""
 
     def __init__(self) -> None:
         self.all: list[Claim] = []
 
     def claim(
-        self, key: str, words: str, where: str, expected: str, reason: str, needs: str = ""
-    ) -> Callable[[Callable[[Maps], Found]], Callable[[Maps], Found]]:
-        """Return a decorator; the texts are those of :class:`Claim`."""
+        self, key: str, claim: str, where: str, expected: str, reason: str, needs: str = ""
+    ) -> Callable[[Callable[[Maps], Finding]], Callable[[Maps], Finding]]:
+        """Return a decorator that makes a claim of the function that checks it; arguments as for :class:`Claim`."""
 
-        def add(look: Callable[[Maps], Found]) -> Callable[[Maps], Found]:
-            self.all.append(Claim(key, words, where, expected, reason, needs, look))
-            return look
+        def add(check: Callable[[Maps], Finding]) -> Callable[[Maps], Finding]:
+            self.all.append(Claim(key, claim, where, expected, reason, needs, check))
+            return check
 
         return add

@@ -6,7 +6,7 @@ import numpy as np
 
 from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS
 from bow_sweep.maps.map_file import MapFile
-from bow_sweep.paper.claim import Claims, Found, Maps
+from bow_sweep.paper.claim import Claims, Finding, Maps
 from bow_sweep.paper.map_measures import (
     black_share,
     coloured,
@@ -21,26 +21,26 @@ from bow_sweep.paper.map_measures import (
 from bow_sweep.paper.maps import FIG10_PERIODS, PERIODS, other_settings
 
 TRIAL = {"c": 0.288, "d": 0.526}
-"""Helmholtz fractions of the trial implementation (PHYSICS.md section 8)."""
+"""Shares of Helmholtz motion in the trial implementation (PHYSICS.md section 8)."""
 
 SCHELLENG = 11.46
-"""Schelleng's maximum bow force (PHYSICS.md section 8): where high bow force begins."""
+"""Schelleng's maximum bow force (PHYSICS.md section 8): bow force above it is called high."""
 
 LOW_FORCE = 5.0
-"""f_asym below which (e) and (f) are to be docile; the axis has its middle at 3.2, and (f) its limit at twice that."""
+"""f_asym below which (e) and (f) should be docile. The middle of the axis is 3.2, and the limit of (f) twice that."""
 
 STREAKS = (1.0, 10.0)
-"""Forces f_asym between which (c) and (e) have their streaks: a decade around the middle of the axis."""
+"""Range of f_asym with the streaks of (c) and (e): a decade around the middle of the axis."""
 
 EXPONENTS = tuple(round(0.1 * i, 1) for i in range(11))
-"""p of the lines ``f_asym (f_init/f_asym)**p = const``: 0 are vertical ones, 1 those of Fig 12."""
+"""p of the lines ``f_asym (f_init/f_asym)**p = const``: 0 = vertical lines, 1 = contours of Fig 12."""
 
 CLAIMS = Claims()
 claim = CLAIMS.claim
 
 
 def percent(*shares: float, digits: int = 0) -> str:
-    """Return shares in words."""
+    """Return shares as text, in percent."""
     return " and ".join(f"{100 * share:.{digits}f} %" for share in shares)
 
 
@@ -52,15 +52,15 @@ def percent(*shares: float, digits: int = 0) -> str:
     "correlation above 0.9, “nearly”, in at least 95 % of the cells below Schelleng's maximum, at most 60 % above it",
     "d",
 )
-def _fig10a(maps: Maps) -> Found:
+def _fig10a(maps: Maps) -> Finding:
     plane = maps["d"]
     if FIG10_PERIODS not in plane.test_periods:
-        return Found(f"no test after {FIG10_PERIODS} periods", None, {})
+        return Finding(f"no test after {FIG10_PERIODS} periods", None, {})
     correlation = np.nan_to_num(plane.correlation[list(plane.test_periods).index(FIG10_PERIODS)], nan=-1.0)
     high = plane.x > SCHELLENG
     below, above = (float(np.mean(correlation[:, part] > 0.9)) for part in (~high, high))
     words = f"correlation above 0.9 in {percent(below)} of the cells below f_asym = {SCHELLENG}, {percent(above)} above"
-    return Found(words, below >= 0.95 and above <= 0.6, {"below": below, "above": above})
+    return Finding(words, below >= 0.95 and above <= 0.6, {"below": below, "above": above})
 
 
 @claim(
@@ -72,11 +72,11 @@ def _fig10a(maps: Maps) -> Found:
     "other thresholds than the trial's (classifier.preset=trial)",
     "cd",
 )
-def _fractions(maps: Maps) -> Found:
+def _fractions(maps: Maps) -> Finding:
     ours = {letter: maps[letter].helmholtz_fraction() for letter in TRIAL}
     close = all(abs(ours[letter] - TRIAL[letter]) <= 0.02 for letter in TRIAL)
     usual = not any(other_settings(maps[letter]) or not _as_in_the_trial(maps[letter]) for letter in TRIAL)
-    return Found(f"{ours['c']:.3f} and {ours['d']:.3f}", close if usual else None, {"fractions": ours})
+    return Finding(f"{ours['c']:.3f} and {ours['d']:.3f}", close if usual else None, {"fractions": ours})
 
 
 def _as_in_the_trial(plane: MapFile) -> bool:
@@ -84,14 +84,14 @@ def _as_in_the_trial(plane: MapFile) -> bool:
     return all(plane.values.get(f"classifier.{name}", value) == value for name, value in trial.items())
 
 
-def _stripe(maps: Maps, letter: str) -> Found:
+def _stripe(maps: Maps, letter: str) -> Finding:
     mask = coloured(maps[letter])
     x, y = explained(mask, "x"), explained(mask, "y")
     region = maps[letter].x[columns(mask, 0.5)]
     words = f"{percent(x)} and {percent(y, digits=1)} of the variance"
     if len(region):
         words += f"; at least half succeed from {region[0]:.1f} to {region[-1]:.1f}"
-    return Found(words, x >= 0.75 and y <= 0.03, {"f_asym": x, "f_init_ratio": y})
+    return Finding(words, x >= 0.75 and y <= 0.03, {"f_asym": x, "f_init_ratio": y})
 
 
 for _letter, _name in (("a", "delta"), ("b", "stiff")):
@@ -114,11 +114,11 @@ for _letter, _name in (("a", "delta"), ("b", "stiff")):
     "b), and 1.25 times as much or more in (c, d)",
     "abcd",
 )
-def _restricted(maps: Maps) -> Found:
+def _restricted(maps: Maps) -> Finding:
     share = {k: float(np.mean(coloured(maps[k]).mean(axis=0) >= 0.1)) for k in "abcd"}
     words = ", ".join(f"({k}) {percent(part)}" for k, part in share.items())
     holds = min(share["c"], share["d"]) >= 1.25 * max(share["a"], share["b"]) and min(share.values()) >= 0.1
-    return Found(words, holds, {"share": share})
+    return Finding(words, holds, {"share": share})
 
 
 @claim(
@@ -129,10 +129,10 @@ def _restricted(maps: Maps) -> Found:
     "at most one cell in five of the stripe black; most neighbours differ by more than the interval of the tests",
     "b",
 )
-def _uneven_b(maps: Maps) -> Found:
+def _uneven_b(maps: Maps) -> Finding:
     black, rough = black_share(coloured(maps["b"])), unevenness(maps["b"].transient_periods)
     words = f"{percent(black)} of the stripe is black; {percent(rough)} of neighbours differ by more than 5 periods"
-    return Found(words, black <= 0.2 and rough >= 0.5, {"black": black, "uneven": rough})
+    return Finding(words, black <= 0.2 and rough >= 0.5, {"black": black, "uneven": rough})
 
 
 @claim(
@@ -143,14 +143,14 @@ def _uneven_b(maps: Maps) -> Found:
     "at most one cell in five black; nine tenths of the colour in one contiguous area",
     "d",
 )
-def _specks_d(maps: Maps) -> Found:
+def _specks_d(maps: Maps) -> Finding:
     mask = coloured(maps["d"])
     black, whole = black_share(mask), largest_area(mask) / max(float(mask.mean()), 1e-9)
     words = f"{percent(black)} of the region is black; {percent(whole)} of the coloured cells hang together"
-    return Found(words, black <= 0.2 and whole >= 0.9, {"black": black, "contiguous": whole})
+    return Finding(words, black <= 0.2 and whole >= 0.9, {"black": black, "contiguous": whole})
 
 
-def _cut(maps: Maps, delta: str, stiff: str) -> Found:
+def _cut(maps: Maps, delta: str, stiff: str) -> Finding:
     region = columns(coloured(maps[stiff]), 0.1)
     filled = [float(coloured(maps[k])[:, region].mean()) if region.stop else 0.0 for k in (delta, stiff)]
     many = [float(flyback(maps[k]).mean()) for k in (delta, stiff)]
@@ -159,7 +159,7 @@ def _cut(maps: Maps, delta: str, stiff: str) -> Found:
         f"multiple flyback on {percent(*many, digits=1)} of the plane"
     )
     holds = filled[0] <= 0.75 * filled[1] and many[0] >= 0.1 and many[1] <= many[0] / 10
-    return Found(words, holds, {"coloured": filled, "flyback": many})
+    return Finding(words, holds, {"coloured": filled, "flyback": many})
 
 
 @claim(
@@ -171,7 +171,7 @@ def _cut(maps: Maps, delta: str, stiff: str) -> Found:
     "tenth of the plane and ten times as much as in (d)",
     "cd",
 )
-def _cut_c(maps: Maps) -> Found:
+def _cut_c(maps: Maps) -> Finding:
     return _cut(maps, "c", "d")
 
 
@@ -183,12 +183,12 @@ def _cut_c(maps: Maps) -> Found:
     "reported: the paper gives no number; with our surrogate for Cremer's bridge (c) goes on beyond (d)'s limit",
     "cd",
 )
-def _region_c(maps: Maps) -> Found:
+def _region_c(maps: Maps) -> Finding:
     mask, region = coloured(maps["c"]), columns(coloured(maps["d"]), 0.1)
     inside = float(mask[:, region].sum() / max(mask.sum(), 1))
     forces = maps["d"].x[region]
     where = f"{forces[0]:.1f} ... {forces[-1]:.1f}" if len(forces) else "no range"
-    return Found(f"{percent(inside)} of (c)'s colour is within (d)'s {where}", None, {"inside": inside})
+    return Finding(f"{percent(inside)} of (c)'s colour is within (d)'s {where}", None, {"inside": inside})
 
 
 @claim(
@@ -199,7 +199,7 @@ def _region_c(maps: Maps) -> Found:
     "as for (c), against (f)",
     "ef",
 )
-def _cut_e(maps: Maps) -> Found:
+def _cut_e(maps: Maps) -> Finding:
     return _cut(maps, "e", "f")
 
 
@@ -212,7 +212,7 @@ def _cut_e(maps: Maps) -> Found:
     "(Fig 12: 1, vertical: 0); they explain 5 % (chance: 1.3 %), and 1.5 times as much as their mirror images",
     "ce",
 )
-def _curved(maps: Maps) -> Found:
+def _curved(maps: Maps) -> Finding:
     best, lean, share = {}, {}, {}
     for k in "ce":
         shares = curvature(maps[k], coloured(maps[k]), STREAKS, EXPONENTS)
@@ -221,7 +221,7 @@ def _curved(maps: Maps) -> Found:
         share[k], lean[k] = max(shares), max(shares) / max(mirrored, 1e-9)
     words = ", ".join(f"({k}) p = {best[k]:g}, {percent(share[k])}, {lean[k]:.1f} times the mirror image" for k in "ce")
     holds = all(best[k] > 0 and share[k] >= 0.05 and lean[k] >= 1.5 for k in "ce")
-    return Found(words, holds, {"p": best, "explained": share, "lean": lean})
+    return Finding(words, holds, {"p": best, "explained": share, "lean": lean})
 
 
 @claim(
@@ -233,7 +233,7 @@ def _curved(maps: Maps) -> Found:
     "interval of the tests; at least half of the transients take more than a third of the 100 periods",
     "ef",
 )
-def _docile(maps: Maps) -> Found:
+def _docile(maps: Maps) -> Finding:
     areas, rough, late = [], [], []
     for k in "ef":
         lengths = np.where(maps[k].x < LOW_FORCE, np.nan_to_num(maps[k].transient_periods), 0)
@@ -245,7 +245,7 @@ def _docile(maps: Maps) -> Found:
         f"{percent(*late)} take more than a third of the run"
     )
     holds = min(areas) >= 0.15 and max(rough) <= 0.25 and min(late) >= 0.5
-    return Found(words, holds, {"area": areas, "uneven": rough, "late": late})
+    return Finding(words, holds, {"area": areas, "uneven": rough, "late": late})
 
 
 @claim(
@@ -256,12 +256,12 @@ def _docile(maps: Maps) -> Found:
     "force up to which half of the gestures succeed: at least 10 % lower, four columns of the map",
     "df",
 )
-def _limit_f(maps: Maps) -> Found:
+def _limit_f(maps: Maps) -> Finding:
     limit = {k: force_limit(maps[k]) for k in "df"}
     fuzz = [force_limit(maps["f"], share) for share in (0.9, 0.1)]
     words = f"{limit['f']:.1f} in (f), {limit['d']:.1f} in (d); (f) falls from 90 to 10 % over "
     words += " ... ".join(f"{force:.1f}" for force in fuzz)
-    return Found(words, limit["f"] <= 0.9 * limit["d"], {"limit": limit, "fuzz": fuzz})
+    return Finding(words, limit["f"] <= 0.9 * limit["d"], {"limit": limit, "fuzz": fuzz})
 
 
 def _areas(maps: Maps, delta: str, stiff: str) -> tuple[str, list[float]]:
@@ -277,14 +277,14 @@ def _areas(maps: Maps, delta: str, stiff: str) -> tuple[str, list[float]]:
     "reported: the paper says “generally”, and of these two that both have a restricted range",
     "ab",
 )
-def _easier_ab(maps: Maps) -> Found:
+def _easier_ab(maps: Maps) -> Finding:
     words, areas = _areas(maps, "a", "b")
-    return Found(words, None, {"area": areas})
+    return Finding(words, None, {"area": areas})
 
 
-def _easier(maps: Maps, delta: str, stiff: str) -> Found:
+def _easier(maps: Maps, delta: str, stiff: str) -> Finding:
     words, areas = _areas(maps, delta, stiff)
-    return Found(words, areas[1] >= 1.5 * areas[0], {"area": areas})
+    return Finding(words, areas[1] >= 1.5 * areas[0], {"area": areas})
 
 
 for _delta, _stiff, _v_mid in (("c", "d", "0.2"), ("e", "f", "-2")):
@@ -306,11 +306,11 @@ for _delta, _stiff, _v_mid in (("c", "d", "0.2"), ("e", "f", "-2")):
     "reported: the trial saw it in (b); elsewhere slip jumps lock to the sample grid",
     "abcdef",
 )
-def _flattening(maps: Maps) -> Found:
+def _flattening(maps: Maps) -> Finding:
     slope = {}
     for k in sorted(maps):
         good = maps[k].helmholtz[-1]
         force = np.broadcast_to(np.log2(maps[k].x), good.shape)[good]
         slope[k] = float(np.polyfit(force, maps[k].period[-1][good], 1)[0]) if good.sum() > 2 else float("nan")
     words = ", ".join(f"({k}) {part:+.2f}" for k, part in slope.items()) + " samples an octave of force"
-    return Found(words, None, {"slope": slope})
+    return Finding(words, None, {"slope": slope})

@@ -1,4 +1,4 @@
-"""The paper's claims about where which terrain lies, and which model is easier to play (sections IV.A and IV.B)."""
+"""The paper's claims about terrain, and about which model is easier to play (sections IV.A and IV.B)."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.playability import playability
 from bow_sweep.maps.streaks import CLOSE, alignment, contour_directions
 from bow_sweep.maps.terrain import BLACK, SAFE_SPECKLE, SMOOTH, SPECKLE, STREAKY, TERRAINS, terrain
-from bow_sweep.paper.claim import Claims, Found, Maps
+from bow_sweep.paper.claim import Claims, Finding, Maps
 from bow_sweep.paper.claims_maps import percent
 
 CLAIMS = Claims()
 claim = CLAIMS.claim
 
 PAIRS = (("a", "b"), ("c", "d"), ("e", "f"))
-"""Delta and stiff at each v_mid."""
+"""The maps of delta and stiff at each v_mid."""
 
 MARGIN = 0.1
-"""Areas closer to each other than this share of them are alike: more than thresholds moved by a tenth do to them."""
+"""Relative difference up to which areas are alike. Thresholds changed by a tenth change areas by less."""
 
 
 @functools.lru_cache(maxsize=16)
@@ -37,20 +37,20 @@ def playability_of(plane: MapFile) -> dict[str, Any]:
 
 
 def mix(codes: np.ndarray) -> dict[str, float]:
-    """Return what a region's terrain is but for black: kind -> share of the cells that are none of it."""
+    """Return the terrain of a region: kind -> share of the cells whose terrain is not black."""
     counts = np.bincount(codes.ravel(), minlength=len(TERRAINS))[: len(TERRAINS)]
     rest = max(int(counts[BLACK + 1 :].sum()), 1)
     return {name: float(counts[code] / rest) for code, name in enumerate(TERRAINS) if code != BLACK}
 
 
 def words(shares: dict[str, float]) -> str:
-    """Return shares of terrain in words, the greatest first."""
+    """Return shares of terrain as text, the largest first."""
     ranked = sorted(shares.items(), key=lambda item: -item[1])
     return ", ".join(f"{name.replace('_', ' ')} {percent(share)}" for name, share in ranked if share >= 0.005)
 
 
 def left(plane: MapFile) -> slice:
-    """Return the columns left of the centre of the logarithmic axis of force."""
+    """Return the columns left of the middle of the logarithmic axis of force."""
     return slice(0, plane.shape[1] // 2)
 
 
@@ -62,9 +62,9 @@ def left(plane: MapFile) -> slice:
     "the first kind of terrain is in each of the six maps, on a fifth of the plane or more",
     "abcdef",
 )
-def _black(maps: Maps) -> Found:
+def _black(maps: Maps) -> Finding:
     shares = {k: float(np.mean(codes_of(maps[k]) == BLACK)) for k in "abcdef"}
-    return Found(", ".join(f"({k}) {percent(v)}" for k, v in shares.items()), min(shares.values()) >= 0.2, shares)
+    return Finding(", ".join(f"({k}) {percent(v)}" for k, v in shares.items()), min(shares.values()) >= 0.2, shares)
 
 
 @claim(
@@ -75,10 +75,10 @@ def _black(maps: Maps) -> Found:
     "of the terrain left of the centre that is not black at least half is smooth",
     "ef",
 )
-def _smooth(maps: Maps) -> Found:
+def _smooth(maps: Maps) -> Finding:
     found = {k: mix(codes_of(maps[k])[:, left(maps[k])]) for k in "ef"}
     holds = all(shares[TERRAINS[SMOOTH]] >= 0.5 for shares in found.values())
-    return Found("; ".join(f"({k}) {words(shares)}" for k, shares in found.items()), holds, found)
+    return Finding("; ".join(f"({k}) {words(shares)}" for k, shares in found.items()), holds, found)
 
 
 @claim(
@@ -89,9 +89,9 @@ def _smooth(maps: Maps) -> Found:
     "of the terrain that is not black at least 60 % is safe speckle, at most 10 % smooth",
     "b",
 )
-def _safe(maps: Maps) -> Found:
+def _safe(maps: Maps) -> Finding:
     shares = mix(codes_of(maps["b"]))
-    return Found(words(shares), shares[TERRAINS[SAFE_SPECKLE]] >= 0.6 and shares[TERRAINS[SMOOTH]] <= 0.1, shares)
+    return Finding(words(shares), shares[TERRAINS[SAFE_SPECKLE]] >= 0.6 and shares[TERRAINS[SMOOTH]] <= 0.1, shares)
 
 
 @claim(
@@ -102,11 +102,11 @@ def _safe(maps: Maps) -> Found:
     "in the right-hand quarter there is some, 2 % or more of what is not black, and more of it than streaks",
     "d",
 )
-def _speckle(maps: Maps) -> Found:
+def _speckle(maps: Maps) -> Finding:
     nx = maps["d"].shape[1]
     shares = mix(codes_of(maps["d"])[:, nx - nx // 4 :])
     speckle = shares[TERRAINS[SPECKLE]]
-    return Found(words(shares), speckle >= 0.02 and speckle > shares[TERRAINS[STREAKY]], shares)
+    return Finding(words(shares), speckle >= 0.02 and speckle > shares[TERRAINS[STREAKY]], shares)
 
 
 @claim(
@@ -117,13 +117,13 @@ def _speckle(maps: Maps) -> Found:
     "of the terrain there that is not black at least 40 % is streaky, and half as much again as in the rest of (c)",
     "c",
 )
-def _streaky(maps: Maps) -> Found:
+def _streaky(maps: Maps) -> Finding:
     plane = maps["c"]
     there = np.zeros(plane.shape, bool)
     there[plane.shape[0] // 2 :, left(plane)] = True
     shares, rest = mix(codes_of(plane)[there]), mix(codes_of(plane)[~there])[TERRAINS[STREAKY]]
     found = f"{words(shares)}; streaky in the rest {percent(rest)}"
-    return Found(found, shares[TERRAINS[STREAKY]] >= max(0.4, 1.5 * rest), {**shares, "rest": rest})
+    return Finding(found, shares[TERRAINS[STREAKY]] >= max(0.4, 1.5 * rest), {**shares, "rest": rest})
 
 
 @claim(
@@ -134,10 +134,10 @@ def _streaky(maps: Maps) -> Found:
     "a twentieth of the plane or more is streaky in (c) and (e), at most half as much in (d) and (f)",
     "cdef",
 )
-def _cut(maps: Maps) -> Found:
+def _cut(maps: Maps) -> Finding:
     share = {k: float(np.mean(codes_of(maps[k]) == STREAKY)) for k in "cdef"}
     holds = all(share[k] >= 0.05 and share[other] <= share[k] / 2 for k, other in ("cd", "ef"))
-    return Found(", ".join(f"({k}) {percent(v, digits=1)}" for k, v in share.items()), holds, share)
+    return Finding(", ".join(f"({k}) {percent(v, digits=1)}" for k, v in share.items()), holds, share)
 
 
 @claim(
@@ -148,11 +148,11 @@ def _cut(maps: Maps) -> Found:
     "at the last test multiple flyback is what most black cells in streaky terrain are, and at least 40 % of them",
     "ce",
 )
-def _flyback(maps: Maps) -> Found:
+def _flyback(maps: Maps) -> Finding:
     is_what = {k: playability_of(maps[k])["black_is"].get("streaky", {}) for k in "ce"}
     share = [is_what[k].get("multiple_flyback", 0.0) for k in "ce"]
-    holds = all(mine >= max(0.4, *is_what[k].values()) for k, mine in zip("ce", share, strict=True))
-    return Found("; ".join(f"({k}) {words(is_what[k])}" for k in "ce"), holds, is_what)
+    holds = all(mine >= max([0.4, *is_what[k].values()]) for k, mine in zip("ce", share, strict=True))
+    return Finding("; ".join(f"({k}) {words(is_what[k])}" for k in "ce"), holds, is_what)
 
 
 @claim(
@@ -165,7 +165,7 @@ def _flyback(maps: Maps) -> Found:
     "twentieth of the plane at least",
     "ce",
 )
-def _fig12(maps: Maps) -> Found:
+def _fig12(maps: Maps) -> Finding:
     texts, holds, values = [], True, {}
     for k in "ce":
         plane = maps[k]
@@ -173,7 +173,7 @@ def _fig12(maps: Maps) -> Found:
             alignment(plane.transient_periods, contour_directions(plane.x, plane.y, left)) for left in (1.0, 0.0)
         )
         if contours is None or vertical is None:
-            return Found(f"({k}) has no streaks", False, {})
+            return Finding(f"({k}) has no streaks", False, {})
         holds &= float((codes_of(plane) == STREAKY).mean()) >= 0.05
         holds &= contours.close >= 0.75 and contours.turned_p <= 0.001 and vertical.close < contours.close
         texts.append(
@@ -181,7 +181,7 @@ def _fig12(maps: Maps) -> Found:
             f"{contours.mean:.1f}° ± {contours.error:.1f}° off, spread {contours.spread:.1f}°"
         )
         values[k] = vars(contours)
-    return Found("; ".join(texts), holds, values)
+    return Finding("; ".join(texts), holds, values)
 
 
 @claim(
@@ -193,7 +193,7 @@ def _fig12(maps: Maps) -> Found:
     "than three errors of the interleaved grids too, and smaller in none",
     "abcdef",
 )
-def _easier(maps: Maps) -> Found:
+def _easier(maps: Maps) -> Finding:
     texts, steps, values = [], [], {}
     for pair in PAIRS:
         area = [playability_of(maps[k])["largest_area"] for k in pair]
@@ -205,7 +205,7 @@ def _easier(maps: Maps) -> Found:
         steps.append(0 if abs(stiff - delta) <= margin else 1 if stiff > delta else -1)
         values["".join(pair)] = {"delta": delta, "stiff": stiff, "error": error}
     holds = steps.count(1) >= 2 and -1 not in steps
-    return Found("; ".join(texts), holds, values)
+    return Finding("; ".join(texts), holds, values)
 
 
 @claim(
@@ -217,7 +217,7 @@ def _easier(maps: Maps) -> Found:
     "two pairs of maps at least, and greater by that in none",
     "abcdef",
 )
-def _interspersed(maps: Maps) -> Found:
+def _interspersed(maps: Maps) -> Finding:
     share = {}
     for k in "abcdef":
         shares = mix(codes_of(maps[k]))
@@ -225,4 +225,4 @@ def _interspersed(maps: Maps) -> Found:
     text = "; ".join(f"({delta}, {stiff}) {percent(share[delta], share[stiff])}" for delta, stiff in PAIRS)
     ratios = [share[stiff] / max(share[delta], 1e-9) for delta, stiff in PAIRS]
     holds = sum(ratio <= 0.8 for ratio in ratios) >= 2 and max(ratios) <= 1.2
-    return Found(text, holds, share)
+    return Finding(text, holds, share)

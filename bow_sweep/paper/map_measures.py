@@ -1,4 +1,4 @@
-"""Numbers that say of a map what the paper says of it in words: stripes, specks, streaks, limits (section IV)."""
+"""Measures of what the paper describes in a map: stripes, specks, streaks, limits of force (section IV)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from bow_sweep.maps.map_file import MapFile
 
 
 def coloured(plane: MapFile) -> np.ndarray:
-    """Return where Helmholtz motion ever came, (ny, nx) bool: what is not black in Fig 11."""
+    """Return where Helmholtz motion came, (ny, nx) bool: the cells that are not black in Fig 11."""
     return np.asarray(np.nan_to_num(plane.transient_periods) > 0)
 
 
 def explained(mask: np.ndarray, axis: str) -> float:
-    """Return the share of the variance of a mask, (ny, nx), that its x, or its y, explains alone, 0 ... 1.
+    """Return the share of the variance of a mask, (ny, nx), that its x alone, or its y alone, explains, 0 ... 1.
 
     A vertical stripe with sharp edges has 1 for x. A mask without variance has 0.
     """
@@ -38,13 +38,13 @@ def columns(mask: np.ndarray, share: float) -> slice:
 
 
 def black_share(mask: np.ndarray, share: float = 0.5) -> float:
-    """Return how much of the coloured region is black: cells between the first and last column half full."""
+    """Return the share of black in the coloured region: from the first to the last column that is half coloured."""
     core = mask[:, columns(mask, share)]
     return float(1 - core.mean()) if core.size else 1.0
 
 
 def force_limit(plane: MapFile, share: float = 0.5) -> float:
-    """Return the greatest x at which at least a share of the gestures succeed, over three neighbouring columns."""
+    """Return the greatest x at which a share of the gestures succeed, as mean over three columns; NaN = nowhere."""
     filled = np.convolve(coloured(plane).mean(axis=0), np.ones(3) / 3, "same")
     found = np.flatnonzero(filled >= share)
     return float(plane.x[found[-1]]) if len(found) else float("nan")
@@ -72,15 +72,15 @@ def flyback(plane: MapFile) -> np.ndarray:
 
 
 def curvature(plane: MapFile, mask: np.ndarray, forces: tuple[float, float], exponents: Sequence[float]) -> list[float]:
-    """Return how well lines ``f_asym (f_init/f_asym)**p = const`` explain a mask, 0 ... 1 for each exponent p.
+    """Return the share of the variance of a mask that lines ``f_asym (f_init/f_asym)**p = const`` explain, for each p.
 
-    p = 0 are vertical lines, p = 1 the contours of initial force of Fig 12; streaks that bend like those, but are
-    steeper as force goes on to f_asym, lie between.
+    p = 0 are vertical lines, p = 1 the contours of initial force in Fig 12. Streaks that bend like the contours but are
+    steeper, because the force changes to f_asym later, are between.
 
     Parameters
     ----------
     forces
-        Least and greatest f_asym taken; the lowest tenth of f_init/f_asym is left out, where lines crowd together.
+        Least and greatest f_asym. The lowest tenth of f_init/f_asym is left out: the lines are very close there.
     """
     x, y = np.meshgrid(plane.x, plane.y)
     inside = (x >= forces[0]) & (x <= forces[1]) & (y > 0.1 * plane.y.max())
@@ -91,6 +91,6 @@ def curvature(plane: MapFile, mask: np.ndarray, forces: tuple[float, float], exp
     for p in exponents:
         line = np.log(x[inside]) + p * np.log(y[inside])
         order = np.argsort(line, kind="stable")
-        bins = np.array_split(values[order], 60)  # of equal size, so that no exponent has an advantage
+        bins = np.array_split(values[order], 60)  # of equal size, so that all exponents have equal chances
         shares.append(sum(len(b) * (b.mean() - values.mean()) ** 2 for b in bins) / len(values) / values.var())
     return [float(share) for share in shares]

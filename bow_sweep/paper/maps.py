@@ -1,4 +1,4 @@
-"""Which of the paper's six maps (Fig 11) a run is, by its settings."""
+"""Recognises the paper's six maps (Fig 11) among runs, by their settings."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ LAYOUT: dict[str, tuple[str, float]] = {
 """Model and v_mid of the six maps of Fig 11."""
 
 CALIBRATION = ("bridge_r", "bridge_w_c", "dtype", "nut_cutoff", "nut_power", "periods", "stiffness_b", "torsion_half")
-"""Parameters that the paper does not give, and length: a map of the paper may have others, and its title says so."""
+"""Parameters that the paper does not give, and the length. A map may have other values; its title then has them."""
 
 PERIODS, FIG10_PERIODS = 100, 40
-"""Length of the simulations of Fig 11 and Fig 10 (section IV.A)."""
+"""Length of the simulations of Fig 11 and Fig 10, periods (section IV.A)."""
 
 ENDS = (0.5, 20.0, 0.0, 2.0)
 """First and last f_asym and f_init/f_asym (caption of Fig 10)."""
@@ -33,7 +33,7 @@ ENDS = (0.5, 20.0, 0.0, 2.0)
 
 @dataclass(frozen=True)
 class PaperMaps:
-    """Maps by their letter in Fig 11, and for each run where it is and what it is."""
+    """Maps by their letter in Fig 11, and of each run its path and title."""
 
     maps: dict[str, MapFile]
     listed: tuple[tuple[str, str], ...]
@@ -42,12 +42,13 @@ class PaperMaps:
 def recognise(runs: Sequence[Path]) -> PaperMaps:
     """Read runs, directories or map.npz files, and find out which of the paper's maps each is.
 
-    Of two of different length, Fig 10 and Fig 11(d) for instance, the longer counts.
+    Where two runs of one map have different lengths, such as Fig 10 and Fig 11(d), the longer is taken.
 
     Raises
     ------
     MapFileError
-        Where a run has no map, the map is none of the paper's or not finished, or two of one length are the same one.
+        Where a run has no map, or one that is not the paper's or is incomplete, or where two maps of one length are the
+        same.
     """
     maps: dict[str, MapFile] = {}
     listed = []
@@ -57,18 +58,18 @@ def recognise(runs: Sequence[Path]) -> PaperMaps:
         if letter in maps and maps[letter].periods == plane.periods:
             raise MapFileError(f"{run}: a second run of Fig 11({letter}); should be one of each")
         listed.append((str(run), title(letter, plane)))
-        if letter not in maps or plane.periods > maps[letter].periods:  # Fig 10 is the beginning of 11(d)
+        if letter not in maps or plane.periods > maps[letter].periods:  # Fig 10 is the first part of 11(d)
             maps[letter] = plane
     return PaperMaps(maps, tuple(listed))
 
 
 def letter_of(plane: MapFile, where: str) -> str:
-    """Return which map of Fig 11 this is.
+    """Return the letter of a map in Fig 11.
 
     Raises
     ------
     MapFileError
-        Where it is none of them, or has cells that are not computed; says what is other than the paper's.
+        Where it is not in Fig 11, or has cells that are not computed; names the difference.
     """
     given = plane.values
     if (plane.x_name, plane.y_name) != ("f_asym", "f_init_ratio"):
@@ -98,22 +99,22 @@ def letter_of(plane: MapFile, where: str) -> str:
 
 
 def other_settings(plane: MapFile) -> list[str]:
-    """Return the settings of `CALIBRATION` that are not the default ones, "name = value"."""
+    """Return the settings of `CALIBRATION` that are not the defaults, as "name = value"."""
     given = plane.values
-    return [f"{name} = {given[name]}" for name in CALIBRATION if given.get(name, _usual(name)) != _usual(name)]
+    return [f"{name} = {given[name]}" for name in CALIBRATION if given.get(name, _default(name)) != _default(name)]
 
 
-def _usual(name: str) -> str:
+def _default(name: str) -> str:
     return str(FIELDS[name].default)
 
 
 def title(letter: str, plane: MapFile) -> str:
-    """Return what a map is, in words."""
+    """Return the title of a map."""
     ny, nx = plane.shape
     return ", ".join([f"Fig 11({letter})", f"{nx} × {ny} cells", *other_settings(plane)])
 
 
 def at_paper_size(plane: MapFile) -> bool:
-    """Whether a map is as fine and as long as the paper's: 128 by 64 cells, 100 periods."""
+    """Return whether a map has at least the grid and the length of the paper's: 128 by 64 cells, 100 periods."""
     ny, nx = plane.shape
     return nx >= 128 and ny >= 64 and plane.periods >= PERIODS

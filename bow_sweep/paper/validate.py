@@ -1,8 +1,8 @@
-"""`bow validate`: what the paper states beside what this program finds, with a verdict for each claim.
+"""`bow validate`: compares the paper's claims with the results of this program.
 
-The claims are those of PHYSICS.md section 8, the sections of the paper they come from, and section IV.B. A row's
-verdict is *pass* or *fail* by a tolerance that the row gives with its reason; *report* where the paper gives
-nothing to hold a number against; *needs runs* where it is about maps that were not given.
+The claims are those of PHYSICS.md section 8, of the sections of the paper that it cites, and of section IV.B. The
+verdict on a claim is *pass* or *fail* by a tolerance, which the row gives with its reason; *report* where the paper
+gives no number to compare with; *needs runs* where the claim is about maps that were not given.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from bow_sweep.paper.maps import recognise
 
 @dataclass(frozen=True)
 class Report:
-    """All rows, and the runs whose maps were judged: (directory, what it is a map of)."""
+    """All rows, and the runs whose maps were used: (directory, title of the map)."""
 
     rows: tuple[Row, ...]
     runs: tuple[tuple[str, str], ...] = ()
 
     @property
     def ok(self) -> bool:
-        """Whether no row fails."""
+        """Whether no claim fails."""
         return all(row.verdict != FAIL for row in self.rows)
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many rows have each verdict."""
+        """Number of rows with each verdict."""
         counted = Counter(row.verdict for row in self.rows)
         return {verdict: counted[verdict] for verdict in VERDICTS}
 
     def summary(self) -> str:
-        """Return the counts in words."""
+        """Return the counts as text."""
         return ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items() if count)
 
     def to_json(self) -> str:
-        """Return the report for programs."""
+        """Return the report as JSON."""
         runs = [{"directory": directory, "map": name} for directory, name in self.runs]
         rows = [asdict(row) for row in self.rows]
         return json.dumps({"ok": self.ok, "counts": self.counts, "runs": runs, "rows": rows}, indent=2) + "\n"
@@ -64,7 +64,7 @@ class Report:
         return "\n".join([*lines, "", self.summary()])
 
     def to_markdown(self) -> str:
-        """Return the table as a section of Markdown, the tolerances and their reasons below it."""
+        """Return the table as Markdown, with the tolerances and their reasons below it."""
         lines = ["| # | claim | where | claimed | ours | verdict |", "|---|---|---|---|---|---|"]
         for number, row in enumerate(self.rows, 1):
             cells = (str(number), row.claim, row.where, row.expected, row.measured, f"**{row.verdict}**")
@@ -77,19 +77,19 @@ class Report:
 
 
 def validate(runs: Sequence[Path] = (), progress: Callable[[float, float], None] | None = None) -> Report:
-    """Hold the program against the paper.
+    """Compare the results of this program with the paper.
 
     Parameters
     ----------
     runs
-        Run directories, or map.npz files, of the paper's maps; in any order.
+        Run directories, or map.npz files, of the paper's maps, in any order.
     progress
-        Called with (claims judged, claims) before each.
+        Called with (claims done, claims) before each claim.
 
     Raises
     ------
     MapFileError
-        Where a run has no map, or it is none of the paper's six.
+        Where a run has no map, or it is not one of the paper's six.
     """
     found = recognise(runs)
     claims = [claim for part in (claims_modes, claims_motion, claims_maps, claims_terrain) for claim in part.CLAIMS.all]

@@ -1,9 +1,8 @@
-"""A sweep as a plan: which cells, in which blocks, with which parameters.
+"""A sweep: which cells, in which blocks, with which parameters.
 
-A *sweep* is a plan of *cells* (points of a parameter plane); a *block* is the cells that one simulator runs together; a
-*chunk* is five periods of a block. A sweep has one written form, "name=value" settings over a preset, which command
-line, preset files, goals and bags share: the names of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and
-``y.*`` for the axes, ``block_cells``, ``adaptive``, and ``classifier.*`` for the thresholds of the verdicts.
+A *cell* is a point of a parameter plane, a *block* the cells that one simulator computes together, a *chunk* five
+periods of a block. Command line, preset files, goals and bags describe a sweep in the same way: by "name=value"
+settings over a preset, see :mod:`bow_sim.protocol.sweep_spec`. Here the settings that are not given get their defaults.
 """
 
 from __future__ import annotations
@@ -30,16 +29,27 @@ X_AXIS = Axis("f_asym", "log", 0.5, 20.0, 128)
 Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
 """The plane of the paper's Figs 10 and 11 (Appendix)."""
 
-
 BLOCKS, ADAPTIVE_BLOCKS = 16, 64
-"""Of a sweep at least, where its blocks are not set: enough for a pool, and for the rounds of an adaptive sweep."""
+"""Least number of blocks, exhaustive and adaptive, where block_cells is not set: enough for several simulators, and for
+the rounds of an adaptive sweep."""
 
 LEAST_BLOCK, MOST_BLOCK = 64, 512
-"""Cells of a block that is not set. A message costs much the same whatever is in it, so blocks should be large."""
+"""Range of block_cells where it is not set. The cost of a message hardly depends on its size, so blocks should be
+large."""
 
 
 def default_block_cells(cells: int, adaptive: float, chunk_samples: int) -> int:
-    """Return how many cells a block has where nobody says: a multiple of eight, the lanes of the kernel."""
+    """Return the number of cells of a block where block_cells is not set: a multiple of eight, the lanes of the kernel.
+
+    Parameters
+    ----------
+    cells
+        Number of cells of the plane.
+    adaptive
+        Largest share of the cells to simulate.
+    chunk_samples
+        Samples of a chunk.
+    """
     wanted = -(-cells // (ADAPTIVE_BLOCKS if adaptive < 1 else BLOCKS))
     most = min(MOST_BLOCK, max(1, MAX_CHUNK_VALUES // chunk_samples))
     return min(max(wanted, LEAST_BLOCK), most) // 8 * 8 or most
@@ -47,10 +57,22 @@ def default_block_cells(cells: int, adaptive: float, chunk_samples: int) -> int:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A resolved sweep. Build it with :meth:`from_spec`; what cannot be computed is refused there.
+    """A sweep with all its settings. :meth:`from_spec` builds and checks it.
 
-    `adaptive` is the share of the cells to simulate at most; 1 = all of them, planned at once. `block_cells` is
-    :func:`default_block_cells` unless set.
+    Attributes
+    ----------
+    parameters
+        What all cells share; the two swept parameters keep their defaults.
+    x, y
+        The axes of the plane.
+    block_cells
+        Largest number of cells of a block, :func:`default_block_cells` unless set.
+    thresholds
+        Of the verdicts.
+    preset
+        Name of the preset that the settings began from; "" for none.
+    adaptive
+        Largest share of the cells to simulate; 1 = all cells, planned at once.
     """
 
     parameters: Parameters
@@ -68,7 +90,7 @@ class Sweep:
         Raises
         ------
         ParameterError
-            Naming the key, its value and what would be right.
+            For a sweep that cannot be computed; names the setting, its value and what would be right.
         """
         given = parse_settings(settings)
         spec = split({**(load_preset(preset) if preset else {}), **given})
@@ -90,7 +112,7 @@ class Sweep:
         return cls(parameters, x, y, block_cells, thresholds, preset, adaptive)
 
     def settings(self) -> tuple[str, ...]:
-        """Return every setting as sorted "name=value" strings: :meth:`from_spec` gives the same sweep from them."""
+        """Return every setting as "name=value", sorted; :meth:`from_spec` makes the same sweep of them."""
         own = {f"{key}.{part.name}": getattr(axis, part.name) for key, axis in self._axes for part in fields(Axis)}
         own["block_cells"] = self.block_cells
         if self.adaptive < 1:
@@ -107,9 +129,9 @@ class Sweep:
 
     @cached_property
     def sweep_id(self) -> str:
-        """Hash of the sorted parameters (dtype among them) and the kernel's source, 16 hexadecimal digits.
+        """Hash of the settings (dtype included) and the kernel's source, 16 hexadecimal digits.
 
-        The thresholds are not part of it: the same waveforms can be judged again.
+        The thresholds are left out: they do not change the waveforms, which can be classified again.
         """
         physics = [line for line in self.settings() if not line.startswith("classifier.")]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
@@ -121,24 +143,23 @@ class Sweep:
 
     @property
     def budget(self) -> int:
-        """Number of cells to simulate at most."""
+        """Largest number of cells to simulate."""
         return within_budget(self.adaptive, self.cells) if self.adaptive < 1 else self.cells
 
     @cached_property
     def first_blocks(self) -> Blocks:
-        """The blocks that are planned at the beginning: all, or those of an adaptive sweep's first round."""
+        """The blocks that are planned at the start: all, or the first round of an adaptive sweep."""
         if self.adaptive == 1:
             return Blocks(self.cells, self.block_cells)
         return Blocks(self.cells, self.block_cells, [first_round((self.y.count, self.x.count), self.budget)])
 
     def more_blocks(self, blocks: Blocks, transient_periods: np.ndarray) -> Blocks | None:
-        """Return `blocks` and those of another round, or None where nothing more is to be simulated.
+        """Return `blocks` and those of the next round; None where nothing more is to be simulated.
 
         Parameters
         ----------
         transient_periods
-            (cells,) periods until the tests first passed, 0 = never, NaN = not done; see
-            :mod:`bow_sweep.plan.adaptive`.
+            (cells,) periods until the tests first passed, 0 = never, NaN = not done.
         """
         if not blocks.adaptive:
             return None
@@ -148,7 +169,7 @@ class Sweep:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks at the beginning; the last may be smaller."""
+        """Number of blocks planned at the start; the last may be smaller."""
         return self.first_blocks.count
 
     @property
@@ -157,12 +178,12 @@ class Sweep:
         return self.parameters.chunks
 
     def block(self, block: int) -> np.ndarray:
-        """Return the cells of a block that is planned at the beginning, shape (cells of the block,), uint32.
+        """Return the cells of a block planned at the start, (cells of the block,) uint32.
 
         Raises
         ------
         IndexError
-            Where the sweep has no such block.
+            Where there is no such block.
         """
         return self.first_blocks.block(block)
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from bow_sweep.processes.run_graph import LOGS
 from bow_sweep.processes.shm_cleaner import NOTE
 from bow_sweep.run.campaign import FILE as CAMPAIGN
-from bow_sweep.run.directory import LEDGER, RunError, lock
-from bow_sweep.run.lock import name_of
+from bow_sweep.run.directory import LEDGER, RunError
+from bow_sweep.run.lock import name_of, take
 
 RUNS = Path("runs")
 """Parent of run directories with a default name."""
@@ -100,7 +100,7 @@ def create_directory(out: Path | None, name: str, locked: bool = True) -> OwnedD
     try:
         _check_name(str(out or ""))
         directory = _given(out.absolute(), made) if out is not None else _next(name, made)
-        owned = OwnedDirectory(directory, made, lock(directory, SUPERVISOR) if locked else None, new=True)
+        owned = OwnedDirectory(directory, made, take(directory, SUPERVISOR) if locked else None, new=True)
         probe = directory / _PROBE
         probe.touch()
         probe.unlink()
@@ -131,7 +131,7 @@ def open_directory(directory: Path, locked: bool = True) -> OwnedDirectory:
         raise RunError(
             f"{directory}: no run was begun here; give the sweep anew, with --out {shlex.quote(str(directory))}"
         )
-    return OwnedDirectory(directory, [], lock(directory, SUPERVISOR) if locked else None, new=False)
+    return OwnedDirectory(directory, [], take(directory, SUPERVISOR) if locked else None, new=False)
 
 
 def _check_name(name: str) -> None:

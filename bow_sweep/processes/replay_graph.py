@@ -45,7 +45,7 @@ PATIENCE_S = 60.0
 """Limit for the classifier's start and for one chunk; both take much less."""
 
 
-def judge_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
+def classify_in_graph(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
     """Yield (chunk, fields of Verdicts) as they come, for all chunks that the bag has in order.
 
     Raises
@@ -182,7 +182,7 @@ class _Graph:
                 return
             deadline = time.monotonic() + PATIENCE_S
             while not self.answers:
-                self._spin(deadline, f"block {min(under_way)[0]}, chunk {min(under_way)[1]} is judged")
+                self._spin(deadline, f"block {min(under_way)[0]}, chunk {min(under_way)[1]} is classified")
             while self.answers:
                 values = cdr.unseal("Verdicts", self.answers.popleft())
                 key = (values["block"], values["chunk"])

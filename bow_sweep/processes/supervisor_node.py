@@ -226,14 +226,14 @@ def _restart_unresponsive(
     unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # the sweep does not need these
     if needed and unheard >= needed.keys():
         names = ", ".join(child.name for child in needed.values())
-        raise GraphError(f"nothing is heard of {names} for {UNHEARD_S:g} s. Look at: {_hints()}")
+        raise GraphError(f"no heartbeat from {names} for {UNHEARD_S:g} s. Check: {_hints()}")
     for pid in (unheard | watchdog.stuck(now)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
-        why = f"{child.name} is not heard" if pid in unheard else f"{child.name} and the others do not hear each other"
+        why = f"no heartbeat from {child.name}" if pid in unheard else f"{child.name} is not connected to the others"
         too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
         if child.role == "coordinator" or too_often:
-            raise GraphError(f"{why}:\n{tail(child.log)}\nLook at: {_hints()}")
+            raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {_hints()}")
         display.print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
     if watchdog.is_stalled(now) and not node.closed:

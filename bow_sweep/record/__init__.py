@@ -6,7 +6,7 @@ mcap_reader     one pass over an MCAP file that checks everything in it
 mcap_writer     one MCAP file, written a chunk at a time
 schema          interface definitions as a bag wants them
 metadata        metadata.yaml, as rosbag2 writes it
-notes           what our files say of themselves
+notes           version of the record, and missing messages
 bag             a bag: a directory of MCAP files
 disk            syncs committed data to disk in a thread
 aside           where damaged parts of a bag are kept
@@ -17,7 +17,7 @@ session         one run being recorded: bytes in, receipts out
 node            the recorder node
 bag_contents    what is in a bag, read byte by byte
 index_contents  what is in a bag by its index
-replay          judges a bag again
+replay          classifies a bag again
 verify_files    map, report and ledger against the bag
 verify          accounts for a run
 """

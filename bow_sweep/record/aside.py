@@ -1,4 +1,4 @@
-"""What is taken out of a bag is set aside in a folder beside it, under a name that tells what it was; never deleted."""
+"""Keeps what is taken out of a bag, in a folder beside it: whole files, and ranges of bytes. Nothing is deleted."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ PIECE = 1 << 22
 
 
 def folder_of(directory: Path) -> Path:
-    """Return where what is taken out of a bag goes: beside it, so that readers of the bag never see it."""
+    """Return the folder for what is taken out of a bag: beside it, so that no reader of the bag finds it."""
     directory = directory.absolute()
     return directory.with_name(f"{directory.name}_aside")
 
 
 def free_name(path: Path) -> Path:
-    """Return `path`, or where it exists the same with a number before its ending."""
+    """Return `path`; where it exists, the same with a number before its suffix."""
     number, free = 0, path
     while os.path.lexists(free):
         number += 1
@@ -34,7 +34,7 @@ def _place(path: Path, name: str) -> Path:
 
 
 def set_aside(path: Path) -> Path:
-    """Move a file out of a bag; return where it is now."""
+    """Move a file out of a bag; return its new path."""
     to = _place(path, path.name)
     shutil.move(path, to)
     sync_directory(to.parent)
@@ -43,7 +43,7 @@ def set_aside(path: Path) -> Path:
 
 
 def copy_aside(path: Path, start: int, end: int) -> Path:
-    """Copy bytes of a file of a bag, which are about to be overwritten or cut off; return where they are, on disk."""
+    """Copy bytes of a file that will be overwritten or cut off into a file, synced to the disk; return its path."""
     to = _place(path, f"{path.name}.bytes-{start}-{end}")
     with open(path, "rb") as source, open(to, "xb") as file:
         source.seek(start)

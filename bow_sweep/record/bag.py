@@ -1,7 +1,7 @@
-"""A bag: a directory in rosbag2's format, its MCAP files continued in the next one after every interruption.
+"""A bag: a directory in the format of rosbag2. After every interruption recording continues in a new MCAP file.
 
-``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ... Every message carries a number that counts through all
-files, in MCAP's `sequence` field: a message that is taken out leaves a gap.
+``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ... The `sequence` field of messages counts through all
+files, so a message that is taken out leaves a gap.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bow_sim.atomic_files import replacing, sync_directory
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import McapWriter
-from bow_sweep.record.metadata import FileInfo, MetadataError, others_part, parse, records, render
+from bow_sweep.record.metadata import FileInfo, MetadataError, definitions, others_part, parse, render
 from bow_sweep.record.topics import Topic, short_name
 
 METADATA = "metadata.yaml"
@@ -26,7 +26,7 @@ FOLDER = "bag"
 
 
 class BagError(ValueError):
-    """A bag that cannot be read as it should be; says which file and where."""
+    """A bag cannot be used as asked; the message names the file and the place."""
 
 
 class BagMessage(NamedTuple):
@@ -41,7 +41,7 @@ class BagMessage(NamedTuple):
 
 
 def bag_of(run_directory: Path) -> Path:
-    """Return the bag of a run directory; a bag itself will do.
+    """Return the bag of a run directory, or the directory itself if it is a bag.
 
     Raises
     ------
@@ -67,13 +67,13 @@ def _number(name: str) -> int:
 
 
 def write_metadata(directory: Path, files: Sequence[FileInfo], others: Mapping[str, Any] | None = None) -> None:
-    """Write metadata.yaml for the files of a bag, with what `others` wrote there."""
+    """Write metadata.yaml for the files of a bag, with the entries of `others`."""
     with replacing(directory / METADATA) as file:
         file.write(render(files, others).encode())
 
 
 def kept_metadata(directory: Path) -> dict[str, Any]:
-    """Return what others wrote into metadata.yaml, as far as it can be read."""
+    """Return the entries of metadata.yaml that others have added; none where it cannot be read."""
     try:
         return others_part(parse((directory / METADATA).read_bytes()))
     except (OSError, MetadataError):
@@ -81,12 +81,12 @@ def kept_metadata(directory: Path) -> dict[str, Any]:
 
 
 def label(channel_topic: str, message: Message, path: Path) -> BagMessage:
-    """Return a message of a file as one of the bag."""
+    """Return a message of a file with its topic and file."""
     return BagMessage(short_name(channel_topic), path, message.sequence, message.log_time, message.data, message.offset)
 
 
 def messages(directory: Path) -> Iterator[BagMessage]:
-    """Yield every message of a bag in the order it was written, all checksums of the files checked.
+    """Yield every message of a bag in the order in which it was written; all checksums are checked.
 
     Raises
     ------
@@ -110,15 +110,15 @@ class BagWriter:
     Parameters
     ----------
     directory
-        Of the bag; made if need be.
+        Of the bag; created if it is missing.
     topics
-        Full name -> topic: all that will be written.
+        Full name -> topic, of all messages that will be written.
     before
-        The files that are there, in order.
+        The files before it, in order.
     sequence
         Number of the last message in them; 0 for none.
     notes
-        Records for its beginning.
+        Metadata records for its beginning.
     """
 
     def __init__(
@@ -135,7 +135,7 @@ class BagWriter:
         self._before = list(before)
         self._sequence = sequence
         self._time = max((file.end for file in before), default=0)
-        schemas, channels = records(topics)
+        schemas, channels = definitions(topics)
         self._channels = {channel.topic: channel.id for channel in channels}
         number = max((_number(file.name) + 1 for file in before), default=0)
         self.path = directory / f"{directory.resolve().name}_{number}.mcap"
@@ -152,27 +152,27 @@ class BagWriter:
         return self._file.pending
 
     def add(self, topic: str, data: bytes | memoryview, log_time: int) -> None:
-        """Add a message, by the full name of its topic, that came at `log_time` (nanoseconds since 1970).
+        """Add a message that came at `log_time`, nanoseconds since 1970, by the full name of its topic.
 
-        The time of publishing is not known: rclpy 7.1.6's EventsExecutor crashes where a callback asks for it.
+        The time of publishing is unknown: the EventsExecutor of rclpy 7.1.6 crashes where a callback asks for it.
         """
         self._sequence += 1
         self._time = max(self._time, log_time)
         self._file.add(self._channels[topic], self._sequence, self._time, self._time, data)
 
     def commit(self) -> None:
-        """Write what is pending, as one chunk with its index; see `McapWriter.commit`."""
+        """Write the pending messages, as one chunk with its index; see `McapWriter.commit`."""
         self._file.commit()
 
     def fileno(self) -> int:
-        """Return the descriptor of the file, to see on the disk what is committed; it is closed at the end."""
+        """Return the descriptor of the file, for syncs; it is closed at the end."""
         return self._file.fileno()
 
     def finish(self) -> None:
-        """Commit, end the file with its summary, see it on disk, write metadata.yaml."""
+        """Commit, write the end of the file, sync it to the disk, write metadata.yaml."""
         self._file.finish()
         write_metadata(self.directory, self._files(), self._others)
 
     def abandon(self) -> None:
-        """Close the file as it is; :func:`bow_sweep.record.recover.recover` finishes it."""
+        """Close the file without its end; :func:`bow_sweep.record.recover.recover` writes that."""
         self._file.abandon()

@@ -1,6 +1,6 @@
-"""What is in a bag, found out by reading every byte of it once: who said what about which chunk, and what is wrong.
+"""The contents of a bag, found by reading every byte of it once, and everything that is wrong with them.
 
-Memory grows with the number of messages, not with their size: where a waveform lies is kept, not the waveform.
+Memory grows with the number of messages and not with their size: of waveforms only the places in the file are kept.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ Progress = Callable[[float, float], None]
 """Called with (done, total), in bytes."""
 
 MAX_PROBLEMS = 200
-"""Problems kept at most; the rest are counted."""
+"""Number of problems that are kept; others are only counted."""
 
 Key = tuple[int, int]
 """(block, chunk)."""
 
 
 class Place(NamedTuple):
-    """Where a sealed message lies."""
+    """Place of a stream message in a file."""
 
     file: Path
     offset: int
@@ -45,55 +45,75 @@ class Place(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What is kept of a Verdicts message."""
+    """The fields that are kept of a Verdicts message."""
 
     checksum: int
     chunk_checksum: int
     layers: dict[str, np.ndarray]
 
 
+class RunIdentity(NamedTuple):
+    """A run and its sweep, 16 hexadecimal digits each."""
+
+    run_id: str
+    sweep_id: str
+
+
+class Gap(NamedTuple):
+    """Messages that are missing, and the file that comes after them."""
+
+    missing: Range
+    file: str
+
+
 class Survey:
-    """The contents of a bag. Everything wrong becomes a problem, a dict with `what` and as much of where as is known.
+    """The contents of a bag, and its problems: dicts with `what`, and as much of the place as is known.
 
     Parameters
     ----------
     directory
         Of the bag.
     expected
-        The outline of the run where it is known from elsewhere.
+        Outline of the run, where it is known from other files.
     last
-        Number of the message before the first; None: it may have any.
+        Number of the message before the first; None where the first may have any number.
 
     Attributes
     ----------
     expected
-        The outline of the run, from its plans so far; None where there is none.
-    said
-        Run and sweep of the first plan, whatever is expected.
+        Outline of the run, from its plans so far; None before the first.
+    identity
+        Run and sweep of the first plan, even where another one is expected.
     plan
         The latest plan.
     epoch
-        The largest of all plans.
+        The largest epoch of all plans.
     places
         Topic ("bridge_force", "stick_slip") -> chunk -> the message stored for it.
     verdicts
         Chunk -> the verdict stored for it.
     receipts
-        (kind, block, chunk) -> checksums that were receipted.
+        (kind, block, chunk) -> checksums in receipts.
     attempts
-        Block -> the latest attempt that anything is said of.
+        Block -> the latest attempt in any message.
+    files
+        The files that were read, in order.
+    problems, problem_count
+        The first `MAX_PROBLEMS` problems, and how many there are.
+    messages
+        Number of messages.
     first, last
         Numbers of the first and the last message.
     gaps, noted
-        Numbers of the messages that are missing in between, and those that a file says are missing.
+        Messages that are missing between others, and those that a file lists as missing.
     version
-        How the files say they are written, see :data:`bow_sweep.record.notes.HOW`.
+        Version of the files, see :data:`bow_sweep.record.notes.HOW`.
     """
 
     def __init__(self, directory: Path, expected: SweepOutline | None = None, last: int | None = 0) -> None:
         self.directory = directory
         self.expected = expected
-        self.said: tuple[str, str] | None = None
+        self.identity: RunIdentity | None = None
         self.plan: dict[str, Any] = {}
         self.epoch = 0
         self.places: dict[str, dict[Key, Place]] = {"bridge_force": {}, "stick_slip": {}}
@@ -106,19 +126,19 @@ class Survey:
         self.messages = 0
         self.first: int | None = None
         self.last = last
-        self.gaps: list[tuple[Range, str]] = []
+        self.gaps: list[Gap] = []
         self.noted: list[Range] = []
         self.version = 1
 
     def problem(self, what: str, **where: Any) -> None:
-        """Note something that does not hold."""
+        """Add a problem."""
         self.problem_count += 1
         if len(self.problems) < MAX_PROBLEMS:
             run = {"run": self.expected.run_id} if self.expected else {}
             self.problems.append({"what": what, **run, **where})
 
     def read(self, progress: Progress | None = None, share: float = 1.0) -> Survey:
-        """Read all files; `share` is the part of the whole work that this is."""
+        """Read all files, and return this object; `share` is the share of this in the work that `progress` reports."""
         paths = bag_files(self.directory)
         total = sum(path.stat().st_size for path in paths)
         before = 0
@@ -144,7 +164,7 @@ class Survey:
         return self
 
     def read_file(self, scan: Scan) -> Iterator[Message]:
-        """Take in what is in a file, giving its messages one by one; what is damaged in it is the caller's to say."""
+        """Take in a file, and yield its messages one by one. The caller has to report the damage found by `scan`."""
         for message in scan.messages():
             self._take(label(scan.contents.channels[message.channel].topic, message, scan.path))
             yield message
@@ -157,7 +177,7 @@ class Survey:
         self.noted += noted_in(notes)
 
     def merge(self, other: Survey) -> None:
-        """Take in what another survey found in the files after these."""
+        """Take in the survey of the files after these."""
         self.expected, self.plan = other.expected, other.plan or self.plan
         self.epoch = max(self.epoch, other.epoch)
         for topic, places in other.places.items():
@@ -169,7 +189,7 @@ class Survey:
             self.attempts[block] = max(attempt, self.attempts.get(block, 0))
         if other.first is not None:
             if other.first != (self.last or 0) + 1:
-                self.gaps.append((((self.last or 0) + 1, other.first - 1), other.files[0].name))
+                self.gaps.append(Gap(Range((self.last or 0) + 1, other.first - 1), other.files[0].name))
             self.last = other.last
         self.gaps += other.gaps
         self.noted += other.noted
@@ -178,17 +198,17 @@ class Survey:
         self.messages += other.messages
 
     def missing(self) -> list[Range]:
-        """Return the numbers of the messages that are missing and of which no file says so."""
-        return outside([gap for gap, _ in self.gaps], self.noted)
+        """Return the numbers of the messages that are missing, unless a file lists them as missing."""
+        return outside([gap.missing for gap in self.gaps], self.noted)
 
     def _check_numbers(self) -> None:
-        for (start, end), name in self.gaps:
-            if outside([(start, end)], self.noted):
-                what = f"message {end + 1} comes after message {start - 1}: some are missing or moved"
-                self.problem(what, file=name)
+        for missing, file in self.gaps:
+            if outside([missing], self.noted):
+                what = f"message {missing.last + 1} comes after message {missing.first - 1}: some are missing or moved"
+                self.problem(what, file=file)
 
     def lacks(self, block: int) -> str:
-        """Return what keeps a block from being whole: every chunk there once, judged and receipted; "" if it is."""
+        """Return why a block is not complete: every chunk stored, classified and receipted; "" where it is."""
         assert self.expected is not None
         for chunk in range(self.expected.chunks):
             key = (block, chunk)
@@ -232,7 +252,7 @@ class Survey:
             what = f"message {number} comes after message {self.last}: some are missing or moved"
             self.problem(what, file=message.file.name)
         elif self.last is not None and number > self.last + 1:
-            self.gaps.append(((self.last + 1, number - 1), message.file.name))
+            self.gaps.append(Gap(Range(self.last + 1, number - 1), message.file.name))
         self.last = number
         try:
             if message.topic == "plan":
@@ -253,7 +273,7 @@ class Survey:
         return cdr.unseal(name, message.data)
 
     def _take_plan(self, plan: dict[str, Any]) -> None:
-        self.said = self.said or (plan["run_id"], plan["sweep_id"])
+        self.identity = self.identity or RunIdentity(plan["run_id"], plan["sweep_id"])
         if self.expected is None:
             self.expected = SweepOutline.of(plan)
         self._check_run(plan)
@@ -283,7 +303,7 @@ class Survey:
             stored[key] = Place(message.file, message.offset, len(message.data), values["checksum"])
 
     def _checked(self, message: BagMessage) -> dict[str, Any]:
-        """Return the fields of a sealed message, everything about it checked."""
+        """Return the fields of a stream message or verdict that belongs to the run and is consistent."""
         assert self.expected is not None
         return self.expected.unseal(STORED_ONCE[message.topic], message.data)
 
@@ -297,7 +317,7 @@ class Survey:
             self.attempts[block] = max(attempt, self.attempts.get(block, 0))
 
     def chunk_checksum(self, key: Key) -> int | None:
-        """Return the checksum of a chunk whose two stream messages are there, else None."""
+        """Return the checksum of a chunk whose two stream messages are stored; None otherwise."""
         force, slip = (self.places[topic].get(key) for topic in ("bridge_force", "stick_slip"))
         return cdr.chunk_checksum(*key, force.checksum, slip.checksum) if force and slip else None
 
@@ -311,7 +331,7 @@ class Survey:
 
 
 def empty_layers(expected: SweepOutline) -> dict[str, np.ndarray]:
-    """Return arrays (tests, cells) for the verdicts of a run, none tested."""
+    """Return arrays (tests, cells) for the verdicts of a run, without any."""
     shape = (expected.chunks, expected.cells)
     out = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
     return {**out, "tested": np.zeros(shape, bool)}
@@ -326,7 +346,7 @@ def put(layers: dict[str, np.ndarray], expected: SweepOutline, key: Key, values:
 
 
 class Chunks:
-    """Reads stored messages again, wherever they lie."""
+    """Reads stored messages again, by their places; keeps the files open."""
 
     def __init__(self) -> None:
         self._open: dict[Path, int] = {}
@@ -344,7 +364,7 @@ class Chunks:
         Raises
         ------
         BagError
-            Where it lies in a compressed chunk, or the file ends before it.
+            Where it is in a compressed chunk, or the file ends before it.
         """
         if place.offset < 0:
             raise BagError(f"{place.file}: is compressed; bow writes bags that are not, and replays only those")

@@ -1,4 +1,4 @@
-"""Sees what is committed to a file on the disk, in a thread of its own: nobody who takes messages waits for a disk."""
+"""Syncs committed data to the disk in a thread of its own, so that no thread that takes messages waits for the disk."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import os
 import threading
 
 JOIN_S = 5.0
-"""At the end the thread has this long to come back from the disk; it is left alone then."""
+"""At the end the thread has this long to finish its sync; after that it is left running."""
 
 
 class DiskSync:
-    """Calls fdatasync on a file whenever something new is to be seen on the disk; one call serves all that waits.
+    """Calls fdatasync on a file when there is something new; one call serves all items that wait.
 
     Parameters
     ----------
     descriptor
-        Of the file; it may be closed meanwhile.
+        Of the file; it is duplicated, so the caller may close it.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -30,18 +30,18 @@ class DiskSync:
         self._thread.start()
 
     def ask(self, items: dict[int, int]) -> None:
-        """Have all that is committed by now on the disk; :meth:`done` gives `items` back then."""
+        """Sync all that is committed by now; :meth:`done` returns `items` after that."""
         with self._condition:
             self._asked |= items
             self._condition.notify()
 
     def done(self) -> dict[int, int]:
-        """Return what has come to the disk since the last call.
+        """Return the items that were synced since the last call.
 
         Raises
         ------
         OSError
-            Where the disk does not take it.
+            Where a sync failed.
         """
         with self._condition:
             if self._error is not None:
@@ -50,7 +50,7 @@ class DiskSync:
             return done
 
     def close(self) -> dict[int, int]:
-        """End the thread; return all that :meth:`done` did not give back, on the disk or not."""
+        """End the thread; return all items that :meth:`done` has not returned, synced or not."""
         with self._condition:
             self._ended = True
             self._condition.notify()

@@ -1,13 +1,12 @@
-"""What is in a bag by the word of its index: fast, for the end of every sweep.
+"""The contents of a bag according to its index: fast, for the end of every sweep.
 
-Plans, verdicts and receipts are read, of the streams only their heads, which carry identity and checksum. Wrong bytes
-within a waveform are not seen so: :class:`bow_sweep.record.bag_contents.Survey` reads everything.
+Plans, verdicts and receipts are read completely, stream messages only up to their identity and checksum. Wrong bytes
+within a waveform are not found: :class:`bow_sweep.record.bag_contents.Survey` reads everything.
 """
 
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Iterator
 from io import BytesIO
 from typing import Any
@@ -22,23 +21,31 @@ from bow_sweep.record.bag import BagMessage, label
 from bow_sweep.record.bag_contents import Survey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import PARSE_ERRORS, Message
-from bow_sweep.record.mcap_writer import CHUNK_HEAD, FOOTER_SIZE, MAGIC, MESSAGE_HEAD, Contents
+from bow_sweep.record.mcap_writer import (
+    CHUNK_HEAD,
+    FOOTER_SIZE,
+    MAGIC,
+    MESSAGE_FIXED,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    Contents,
+)
 from bow_sweep.record.metadata import FileInfo
 from bow_sweep.record.topics import STORED_ONCE, short_name
 
 HEAD = 512
-"""Bytes of a stream message that are read: its identity and checksum are in the first hundred."""
+"""Bytes that are read of a stream message: its identity and checksum are in the first hundred."""
 
 READ_WHOLE = ("plan", "verdicts", "receipts")
-"""Topics whose messages are read to their end; of the others only the heads."""
+"""Topics whose messages are read completely."""
 
 
 class IndexSurvey(Survey):
-    """Finds the messages of whole, uncompressed files by their index."""
+    """Finds the messages of complete, uncompressed files by their index."""
 
     def read_file(self, scan: Scan) -> Iterator[Message]:
-        """Take in what the index of a file says is in it, giving its messages one by one."""
-        scan.finished = True  # what is not whole is a problem here, not a torn file
+        """Take in the messages in the index of a file, and yield them one by one."""
+        scan.finished = True  # an incomplete file is reported as a problem, not as torn
         descriptor = os.open(scan.path, os.O_RDONLY | os.O_CLOEXEC)
         try:
             scan.size = os.fstat(descriptor).st_size
@@ -59,7 +66,7 @@ class IndexSurvey(Survey):
 
     def _take(self, message: BagMessage) -> None:
         if message.topic == "basin_map":
-            message = message._replace(topic="")  # only its number counts here
+            message = message._replace(topic="")  # only its number is checked
         super()._take(message)
 
     def _checked(self, message: BagMessage) -> dict[str, Any]:
@@ -73,11 +80,11 @@ class IndexSurvey(Survey):
 
 
 def _summary(descriptor: int, size: int) -> tuple[Contents, list[Metadata]]:
-    """Return what the summary of a file says, and its metadata records."""
+    """Return the contents of a file's summary, and its metadata records."""
     end = os.pread(descriptor, FOOTER_SIZE + len(MAGIC), size - FOOTER_SIZE - len(MAGIC))
     if not end.endswith(MAGIC) or end[0] != Opcode.FOOTER:
         raise ValueError("it does not end with a footer")
-    start = Footer.read(ReadDataStream(BytesIO(end[9:]))).summary_start
+    start = Footer.read(ReadDataStream(BytesIO(end[RECORD_HEAD.size :]))).summary_start
     if not 0 < start <= size:
         raise ValueError("it has no summary")
     contents = Contents()
@@ -99,11 +106,11 @@ def _summary(descriptor: int, size: int) -> tuple[Contents, list[Metadata]]:
 
 
 def _metadata(record: bytes) -> Metadata:
-    return Metadata.read(ReadDataStream(BytesIO(record[9:])))
+    return Metadata.read(ReadDataStream(BytesIO(record[RECORD_HEAD.size :])))
 
 
 def _messages(descriptor: int, contents: Contents) -> Iterator[Message]:
-    """Yield the messages of a file in order, their data cut to what is needed of them."""
+    """Yield the messages of a file in order, their data cut after `HEAD` bytes unless they are read completely."""
     for chunk in contents.chunks:
         if chunk.compression:
             raise ValueError("its chunks are compressed")
@@ -115,8 +122,8 @@ def _messages(descriptor: int, contents: Contents) -> Iterator[Message]:
             data = os.pread(descriptor, HEAD, base + offset)
             _, length, its, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data)
             if its != channel:
-                raise ValueError(f"the index says channel {channel} at byte {base + offset}, there is {its}")
-            size = length - (MESSAGE_HEAD.size - 9)
+                raise ValueError(f"the index has channel {channel} at byte {base + offset}, there is {its}")
+            size = length - MESSAGE_FIXED
             start = base + offset + MESSAGE_HEAD.size
             if whole and size > HEAD - MESSAGE_HEAD.size:
                 data = data[: MESSAGE_HEAD.size] + os.pread(descriptor, size, start)
@@ -125,12 +132,13 @@ def _messages(descriptor: int, contents: Contents) -> Iterator[Message]:
 
 
 def _entries(index: bytes) -> Iterator[tuple[int, int]]:
-    """Yield (channel, offset in the chunk) of the messages that the index after a chunk names."""
+    """Yield (channel, offset in the chunk) of the messages in the index after a chunk."""
     at = 0
-    while at + 9 <= len(index):
-        opcode, length = struct.unpack_from("<BQ", index, at)
+    while at + RECORD_HEAD.size <= len(index):
+        opcode, length = RECORD_HEAD.unpack_from(index, at)
         if opcode != Opcode.MESSAGE_INDEX:
-            raise ValueError("the message index of a chunk is none")
-        part = MessageIndex.read(ReadDataStream(BytesIO(index[at + 9 : at + 9 + length])))
+            raise ValueError("after a chunk there is no message index")
+        end = at + RECORD_HEAD.size + length
+        part = MessageIndex.read(ReadDataStream(BytesIO(index[at + RECORD_HEAD.size : end])))
         yield from ((part.channel_id, offset) for _, offset in part.records)
-        at += 9 + length
+        at = end

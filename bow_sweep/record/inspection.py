@@ -1,7 +1,7 @@
-"""What is to be done with each file of a bag that may be torn, damaged, copied, or older than the others.
+"""Decides what to do with each file of a bag that may be torn, damaged, a copy, or older than the others.
 
-Every file of ours begins with a plan, numbers its messages on from the file before, and stores nothing again that is
-stored. So a file can be judged by itself, and against those before it.
+Each file of ours begins with a plan, continues the numbers of its messages from the file before, and stores nothing
+that is stored already. So a file can be checked alone, and against the files before it.
 """
 
 from __future__ import annotations
@@ -10,17 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bow_sweep.record.bag import BagError, bag_files
-from bow_sweep.record.bag_contents import Survey
+from bow_sweep.record.bag_contents import RunIdentity, Survey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Damage
-from bow_sweep.record.mcap_writer import COVER, MAGIC
+from bow_sweep.record.mcap_writer import MAGIC, RECORD_HEAD
 from bow_sweep.record.notes import Range
 
 KEEP, MEND, ASIDE, REFUSE = "keep", "mend", "set aside", "refuse"
 """What is done with a file."""
-
-Identity = tuple[str, str]
-"""Run and sweep, 16 hexadecimal digits each."""
 
 
 @dataclass
@@ -29,10 +26,12 @@ class Part:
 
     Attributes
     ----------
+    scan, survey
+        Its records, and its contents.
     was
-        "whole", "torn", "damaged", or "misplaced": a copy, an older version, of another run.
+        "whole", "torn", "damaged", or "misplaced": a copy, an older version, or of another run.
     action, why
-        What is to be done with it, and why.
+        What to do with it, and why.
     """
 
     scan: Scan
@@ -43,31 +42,31 @@ class Part:
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """Of the file."""
         return self.scan.path
 
     @property
     def dropped_bytes(self) -> int:
-        """How many bytes after the last complete chunk, or after a whole end, are cut off."""
+        """Number of bytes of a torn file that are cut off: after its last complete chunk, or after its end."""
         start = min(
             [self.scan.good_end if not self.scan.finished else self.scan.size, *(d.start for d in self.scan.damage)]
         )
         return self.scan.size - start if self.was == "torn" else 0
 
     @property
-    def identity(self) -> Identity | None:
-        """Run and sweep that its first plan is of."""
-        return self.survey.said
+    def identity(self) -> RunIdentity | None:
+        """Run and sweep of its first plan."""
+        return self.survey.identity
 
 
 @dataclass
 class Inspection:
-    """A bag: its files, and what is in those that stay.
+    """The files of a bag.
 
     Attributes
     ----------
     survey
-        Of the files that stay, once all is done that is to be done.
+        Contents of the bag when all actions are done.
     """
 
     parts: list[Part] = field(default_factory=list)
@@ -75,24 +74,26 @@ class Inspection:
 
     @property
     def missing(self) -> list[Range]:
-        """Numbers of the messages that are missing and of which no file says so."""
+        """Numbers of the messages that are missing, unless a file lists them as missing."""
         return self.survey.missing()
 
 
-def inspect(directory: Path, identity: Identity | None = None, resuming: bool = False) -> Inspection:
-    """Read all files of a bag and say what is to be done with each; changes nothing.
+def inspect(directory: Path, identity: RunIdentity | None = None, resuming: bool = False) -> Inspection:
+    """Read all files of a bag and decide what to do with each; changes nothing.
 
     Parameters
     ----------
+    directory
+        Of the bag.
     identity
-        Run and sweep that the bag belongs to, where it is known.
+        Run and sweep of the bag, where they are known.
     resuming
-        The run goes on: what others wrote has to be good for that too, or is set aside.
+        The run is resumed: files of other writers that it cannot continue from are set aside.
 
     Raises
     ------
     BagError
-        Where none of its files is of that run, or where it is not known and they are of several.
+        Where no file is of that run; or where it is not known, and the files are of several runs.
     """
     found = Inspection(survey=Survey(directory))
     for path in bag_files(directory):
@@ -100,12 +101,12 @@ def inspect(directory: Path, identity: Identity | None = None, resuming: bool = 
         found.parts.append(part)
         right = identity or next((p.identity for p in found.parts if p.identity), None)
         if part.identity in (None, right):
-            _judge(part, found.survey, resuming)
+            _decide(part, found.survey, resuming)
         else:
             part.was, part.action, part.why = "misplaced", ASIDE, "is of run {}, sweep {}".format(*part.identity)
         if part.action in (KEEP, MEND):
             found.survey.merge(part.survey)
-    _refuse_strangers(directory, found.parts, identity)
+    _refuse_other_runs(directory, found.parts, identity)
     return found
 
 
@@ -117,8 +118,8 @@ def _read(path: Path, before: Survey) -> Part:
     return Part(scan, survey)
 
 
-def _judge(part: Part, before: Survey, resuming: bool) -> None:
-    """Say what is to be done with a file."""
+def _decide(part: Part, before: Survey, resuming: bool) -> None:
+    """Decide what to do with a file of the right run, given the contents of the files before it."""
     scan = part.scan
     last = max((chunk.chunk_start_offset + chunk.chunk_length for chunk in scan.contents.chunks), default=0)
     ends = [damage.kind == "end" or (damage.kind == "index" and damage.start >= last) for damage in scan.damage]
@@ -135,25 +136,25 @@ def _judge(part: Part, before: Survey, resuming: bool) -> None:
         part.action, part.why = REFUSE, "is not of bow, and damaged within: it is left as it is"
     if part.action in (KEEP, MEND) and (scan.ours or resuming):
         packed = any(chunk.compression for chunk in scan.contents.chunks)
-        why = "is compressed, which bow does not read" if packed else _misplaced(part.survey, before)
+        why = "is compressed, which bow does not read" if packed else _why_misplaced(part.survey, before)
         if why:
             part.was, part.action, part.why = "misplaced", ASIDE, why
 
 
 def _can_be_mended(scan: Scan, damage: Damage) -> bool:
-    """Whether bad bytes can be derived again, cut off, or covered by a record."""
+    """Return whether damaged bytes can be derived again, cut off, or covered by a record."""
     if damage.kind == "bytes":
-        return damage.end == scan.size or damage.end - damage.start >= COVER.size
+        return damage.end == scan.size or damage.end - damage.start >= RECORD_HEAD.size
     return damage.kind != "data"
 
 
 def _has_no_head(scan: Scan) -> bool:
-    """Whether nothing tells what a file is: it does not begin as an MCAP file does."""
+    """Return whether the writer of a file is unknown, because its start is damaged."""
     return not scan.library and scan.damage[0].start < len(MAGIC)
 
 
-def _misplaced(survey: Survey, before: Survey) -> str:
-    """Return why a file that can be read does not belong after those before it, or ""."""
+def _why_misplaced(survey: Survey, before: Survey) -> str:
+    """Return why a readable file does not continue the files before it; "" where it does."""
     if survey.problems:
         problem = survey.problems[0]
         return f"message {problem.get('message', '?')}: {problem['what']}"
@@ -170,15 +171,15 @@ def _misplaced(survey: Survey, before: Survey) -> str:
     return ""
 
 
-def _refuse_strangers(directory: Path, parts: list[Part], identity: Identity | None) -> None:
-    """Raise where nobody can say which files belong here, or none does."""
-    said = {part.identity: part.path.name for part in reversed(parts) if part.identity}
-    if identity is None and len(said) > 1:
-        names = ", ".join(f"{name} is of run {run}" for (run, _), name in said.items())
-        raise BagError(f"{directory}: is of several runs ({names}): move away the files that do not belong here")
-    if identity is not None and said and identity not in said:
-        run, sweep = next(iter(said))
+def _refuse_other_runs(directory: Path, parts: list[Part], identity: RunIdentity | None) -> None:
+    """Raise BagError where the files are of several runs and `identity` is unknown, or none is of this run."""
+    names = {part.identity: part.path.name for part in reversed(parts) if part.identity}
+    if identity is None and len(names) > 1:
+        runs = ", ".join(f"{name} is of run {found.run_id}" for found, name in names.items())
+        raise BagError(f"{directory}: is of several runs ({runs}): move away the files that do not belong here")
+    if identity is not None and names and identity not in names:
+        other = next(iter(names))
         raise BagError(
-            f"{directory}: holds run {run}, sweep {sweep}; this is run {identity[0]}, sweep {identity[1]}: it needs a "
-            "directory of its own"
+            f"{directory}: holds run {other.run_id}, sweep {other.sweep_id}; this is run {identity.run_id}, sweep "
+            f"{identity.sweep_id}: it needs a directory of its own"
         )

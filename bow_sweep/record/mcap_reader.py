@@ -1,14 +1,13 @@
-"""One pass over an MCAP file, whole or cut off, that checks everything in it that has a checksum.
+"""Reads an MCAP file, complete or cut off, in one pass that checks everything in it that has a checksum.
 
-Nothing is skipped in silence: bytes that are not what they should be are a :class:`Damage`, and reading goes on at the
-next chunk whose CRC holds. A file that just ends too early is *torn*: that is what a killed writer leaves. Of our own
-files it is known what may be in them and where; of others' whatever MCAP allows is taken.
+Damaged bytes are never skipped silently: they are listed as :class:`Damage`, and reading continues at the next chunk
+whose CRC is right. A file that only ends too early is *torn*: a killed writer leaves such files. In our own files every
+record is checked for its place; in files of other writers everything is accepted that MCAP allows.
 """
 
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Generator, Iterator
 from io import BytesIO
 from pathlib import Path
@@ -33,34 +32,48 @@ from mcap.records import (
 )
 
 from bow_sweep.record.mcap_records import PARSE_ERRORS, Damage, Message, find_chunk, unpack_chunk, unpack_message
-from bow_sweep.record.mcap_writer import COVERED, FOOTER_SIZE, LIBRARY, MAGIC, MESSAGE_HEAD, Contents, index_of
+from bow_sweep.record.mcap_writer import (
+    APPLICATION_OPCODES,
+    COVERED,
+    FOOTER_SIZE,
+    LIBRARY,
+    MAGIC,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    Contents,
+    index_of,
+)
 
 OUR_START = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA)
-"""What our files have before their first chunk, after the header."""
+"""Records of our files between the header and the first chunk."""
+
+DATA_END_SIZE = RECORD_HEAD.size + 4
 
 Entries = dict[int, list[tuple[int, int]]]
-"""Channel -> (log time, offset in the chunk) of its messages."""
+"""Channel -> (log time, offset in the chunk) of its messages, as MessageIndex of the mcap package takes them."""
 
 
 class Scan:
-    """Reads a file's chunks in order, then its end. Exhaust :meth:`messages` before trusting the attributes.
+    """Reads the chunks of a file in order, then its end. The attributes are valid when :meth:`messages` is exhausted.
 
     Attributes
     ----------
     contents
-        What a summary of the good part would say.
+        The contents of a summary of the undamaged part.
     notes
         The metadata records.
     damage
-        What does not hold.
+        Damaged parts, in the order of the file.
     finished
-        The file has all of an end: data end, summary, footer, magic.
+        The file has a complete end: data end, summary, footer, magic.
     good_end
-        Where the last complete record ends: what is kept of a torn file.
+        End of the last complete record; a torn file is kept up to here.
     missing_index
-        The message index that should stand at `good_end`, where the file was cut within it.
+        The message index that belongs at `good_end`, where the file was cut within it.
     data_crc
         CRC-32 of the bytes up to `good_end`, then of `missing_index`.
+    library
+        Name of the writer, from the header.
     """
 
     def __init__(self, path: Path) -> None:
@@ -85,19 +98,19 @@ class Scan:
             os.close(self._fd)
 
     def run(self) -> Scan:
-        """Read everything for the attributes alone."""
+        """Read the file for its attributes; return this object."""
         for _ in self.messages():
             pass
         return self
 
     @property
     def whole(self) -> bool:
-        """Whether everything is there and holds."""
+        """Whether the file is complete and undamaged."""
         return self.finished and not self.damage
 
     @property
     def ours(self) -> bool:
-        """Whether the file says that it was written here."""
+        """Whether the file was written by bow, as its header states."""
         return self.library == LIBRARY
 
     def _read(self, start: int, end: int) -> bytes:
@@ -105,7 +118,7 @@ class Scan:
         while start < end:
             parts.append(os.pread(self._fd, end - start, start))
             if not parts[-1]:
-                raise OSError(f"{self.path}: ends at byte {start}, was to go on to {end}: it shrank while it was read")
+                raise OSError(f"{self.path}: ends at byte {start}, should go on to {end}: it shrank while it was read")
             start += len(parts[-1])
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
@@ -121,10 +134,10 @@ class Scan:
             what = ""
             end = self.size
             try:
-                if at + 9 <= self.size:
-                    opcode, length = struct.unpack("<BQ", self._read(at, at + 9))
-                    end = at + 9 + length
-                if at + 9 > self.size or end > self.size:
+                if at + RECORD_HEAD.size <= self.size:
+                    opcode, length = RECORD_HEAD.unpack(self._read(at, at + RECORD_HEAD.size))
+                    end = at + RECORD_HEAD.size + length
+                if at + RECORD_HEAD.size > self.size or end > self.size:
                     at = self._resume(at, "the record reaches past the end of the file", torn=True)
                     continue
                 if opcode == Opcode.DATA_END:
@@ -136,7 +149,7 @@ class Scan:
                 data = self._read(at, end)
                 if opcode == Opcode.CHUNK:
                     end = yield from self._chunk(at, data)
-                elif opcode == Opcode.MESSAGE and not self.ours:  # a file without chunks: no CRC, no index
+                elif opcode == Opcode.MESSAGE and not self.ours:  # a file without chunks has neither CRC nor index
                     yield self._single(unpack_message(data, 0, len(data), at + MESSAGE_HEAD.size))
                     self._accept(end, data)
                 else:
@@ -151,11 +164,11 @@ class Scan:
         self.data_crc = crc32(data, self.data_crc)
 
     def _record(self, opcode: int, data: bytes, at: int) -> None:
-        """Take in a record that is neither chunk nor message; `at` is -1 inside a chunk."""
-        stream = ReadDataStream(BytesIO(data[9:]))
+        """Take in a record that is neither chunk nor message; `at` is its offset, -1 inside a chunk."""
+        stream = ReadDataStream(BytesIO(data[RECORD_HEAD.size :]))
         contents = self.contents
         if self.ours and opcode != COVERED and (at < 0 or contents.chunks or opcode not in OUR_START):
-            raise ValueError(f"a record with opcode {opcode:#04x}, where our files have none")
+            raise ValueError(f"a record with opcode {opcode:#04x}, where files of bow have none")
         if opcode == Opcode.HEADER:
             self.library = Header.read(stream).library
         elif opcode == Opcode.SCHEMA:
@@ -172,7 +185,7 @@ class Scan:
         elif opcode == Opcode.METADATA:
             self.notes.append(Metadata.read(stream))
             contents.metadata.append(MetadataIndex(at, len(data), self.notes[-1].name))
-        elif opcode < 0x80:  # from there on they are anybody's
+        elif opcode < APPLICATION_OPCODES:
             raise ValueError(f"no record of a data section has opcode {opcode:#04x}")
 
     def _single(self, message: Message) -> Message:
@@ -182,11 +195,11 @@ class Scan:
 
     def _chunk(self, at: int, record: bytes) -> Generator[Message, None, int]:
         """Yield the messages of the chunk at `at`; return where its index ends."""
-        chunk, payload, inner = unpack_chunk(record, self.ours)
+        chunk, payload, records = unpack_chunk(record, self.ours)
         head = len(record) - len(chunk.data)
         entries: Entries = {}
         found = []
-        for opcode, start, stop in inner:
+        for opcode, start, stop in records:
             if opcode != Opcode.MESSAGE:
                 self._record(opcode, bytes(payload[start:stop]), -1)
                 continue
@@ -231,19 +244,20 @@ class Scan:
         )
 
     def _index(self, start: int, entries: Entries) -> int:
-        """Check the message index after a chunk; return where it ends."""
+        """Check the message index after a chunk; return its end."""
         at, found, offsets = start, {}, {}
-        while at + 9 <= self.size:
-            opcode, length = struct.unpack("<BQ", self._read(at, at + 9))
-            if opcode != Opcode.MESSAGE_INDEX or at + 9 + length > self.size:
+        while at + RECORD_HEAD.size <= self.size:
+            opcode, length = RECORD_HEAD.unpack(self._read(at, at + RECORD_HEAD.size))
+            start_of_data, end = at + RECORD_HEAD.size, at + RECORD_HEAD.size + length
+            if opcode != Opcode.MESSAGE_INDEX or end > self.size:
                 break
             try:
-                index = MessageIndex.read(ReadDataStream(BytesIO(self._read(at + 9, at + 9 + length))))
+                index = MessageIndex.read(ReadDataStream(BytesIO(self._read(start_of_data, end))))
             except PARSE_ERRORS:
                 break
             offsets[index.channel_id] = at
             found[index.channel_id] = sorted(index.records)
-            at += 9 + length
+            at = end
         expected = {channel: sorted(records) for channel, records in entries.items()}
         if found == expected or (not found and self.library != LIBRARY):
             self._accept(at, self._read(start, at))
@@ -261,7 +275,10 @@ class Scan:
         return start + len(right)
 
     def _resume(self, at: int, what: str, torn: bool = False) -> int:
-        """Return where a good chunk begins after bad bytes; a file without one that just stops is torn."""
+        """Note damage at `at`; return the offset of the next undamaged chunk.
+
+        Without one, the file is torn if a record reaches past its end (`torn`) and no magic stands there.
+        """
         after = find_chunk(self._fd, at + 1, self.ours)
         if after is None:
             ends = self._read(max(at, self.size - len(MAGIC)), self.size) == MAGIC
@@ -273,7 +290,7 @@ class Scan:
         return after
 
     def _ending(self, at: int) -> None:
-        """Check what follows the data section, which ends at `at`."""
+        """Check the bytes after the data section, which ends at `at`."""
         data = self._read(at, self.size)
         expected = self.contents.ending(at, self.data_crc)
         ours = self.ours and not self.damage
@@ -282,18 +299,19 @@ class Scan:
             what = "bytes that do not belong to the file, after its end"
             self.damage.append(Damage(at + whole, self.size, what, "tail"))
             data = data[:whole]
-        if not data.endswith(MAGIC) or len(data) < 13 + FOOTER_SIZE + len(MAGIC):
+        if not data.endswith(MAGIC) or len(data) < DATA_END_SIZE + FOOTER_SIZE + len(MAGIC):
             if ours and not expected.startswith(data):
                 what = "the end of the file is not the one of its data"
                 self.damage.append(Damage(at, self.size, what, "end"))
             return
         self.finished = True
-        data_crc = DataEnd.read(ReadDataStream(BytesIO(data[9:13]))).data_section_crc
+        data_end = ReadDataStream(BytesIO(data[RECORD_HEAD.size : DATA_END_SIZE]))
+        data_crc = DataEnd.read(data_end).data_section_crc
         if data_crc != self.data_crc and (data_crc or ours):
             what = f"the data section has CRC {self.data_crc:08x}, should have {data_crc:08x}"
-            if ours and data[13:] == expected[13:]:  # all is right but the CRC
+            if ours and data[DATA_END_SIZE:] == expected[DATA_END_SIZE:]:  # only the CRC is wrong
                 self.damage.append(Damage(at, self.size, what, "end"))
-            elif all(damage.kind == "tail" for damage in self.damage):  # else it is known why
+            elif all(damage.kind == "tail" for damage in self.damage):  # otherwise other damage is the reason
                 self.damage.append(Damage(0, at, what, "data"))
         elif ours and data != expected:
             differs = next((i for i, pair in enumerate(zip(data, expected, strict=False)) if pair[0] != pair[1]), -1)
@@ -304,30 +322,30 @@ class Scan:
 
     def _foreign_summary(self, at: int, data: bytes) -> None:
         footer_at = len(data) - FOOTER_SIZE - len(MAGIC)
-        footer = Footer.read(ReadDataStream(BytesIO(data[footer_at + 9 :])))
+        footer = Footer.read(ReadDataStream(BytesIO(data[footer_at + RECORD_HEAD.size :])))
         position = footer.summary_start - at if footer.summary_start else footer_at
-        crc = crc32(data[max(position, 0) : footer_at + 25])
-        if position < 13 or (footer.summary_crc and crc != footer.summary_crc):
-            what = f"the summary has CRC {crc:08x}, the footer says {footer.summary_crc:08x}"
+        crc = crc32(data[max(position, 0) : footer_at + FOOTER_SIZE - 4])  # without the CRC itself
+        if position < DATA_END_SIZE or (footer.summary_crc and crc != footer.summary_crc):
+            what = f"the summary has CRC {crc:08x}, the footer has {footer.summary_crc:08x}"
             self.damage.append(Damage(at, self.size, what, "end"))
             return
-        while position + 9 <= footer_at:
-            opcode, length = struct.unpack_from("<BQ", data, position)
+        while position + RECORD_HEAD.size <= footer_at:
+            opcode, length = RECORD_HEAD.unpack_from(data, position)
             if opcode == Opcode.STATISTICS:
-                said = Statistics.read(ReadDataStream(BytesIO(data[position + 9 :]))).message_count
-                if said != self.contents.messages:
-                    what = f"the file has {self.contents.messages} messages, its summary says {said}"
+                count = Statistics.read(ReadDataStream(BytesIO(data[position + RECORD_HEAD.size :]))).message_count
+                if count != self.contents.messages:
+                    what = f"the file has {self.contents.messages} messages, its summary has {count}"
                     self.damage.append(Damage(at, self.size, what, "end"))
-            position += 9 + length
+            position += RECORD_HEAD.size + length
 
 
 def _length_of_ending(data: bytes) -> int:
-    """Return how many bytes data end, summary, footer and magic have at the start of `data`; 0 where one is missing."""
+    """Return the number of bytes from the data end to the magic at the start of `data`; 0 where one is missing."""
     position = 0
-    while position + 9 <= len(data):
-        opcode, length = struct.unpack_from("<BQ", data, position)
-        position += 9 + length
+    while position + RECORD_HEAD.size <= len(data):
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        position += RECORD_HEAD.size + length
         if opcode == Opcode.FOOTER:
             end = position + len(MAGIC)
-            return end if length == FOOTER_SIZE - 9 and data[position:end] == MAGIC else 0
+            return end if length == FOOTER_SIZE - RECORD_HEAD.size and data[position:end] == MAGIC else 0
     return 0

@@ -1,4 +1,4 @@
-"""Records of an MCAP file taken apart: chunks and what is in them, with every length checked before it is believed."""
+"""Parses records of an MCAP file: chunks and their messages. Every length is checked before it is used."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 
-from bow_sweep.record.mcap_writer import CHUNK_HEAD, MESSAGE_FIXED, MESSAGE_HEAD
+from bow_sweep.record.mcap_writer import CHUNK_HEAD, MESSAGE_FIXED, MESSAGE_HEAD, RECORD_HEAD
 
 MAX_CHUNK = 1 << 28
-"""Bytes of a chunk unpacked at most: a compressed chunk may claim anything."""
+"""Largest chunk that is unpacked, in bytes: the head of a damaged chunk may state any size."""
 
 PARSE_ERRORS = (struct.error, McapError, UnicodeDecodeError, KeyError, ValueError, MemoryError)
-"""What bytes that are not what they should be raise, here and in mcap's readers."""
+"""Exceptions that damaged bytes raise, here and in the readers of the mcap package."""
 
 _CHUNK_START = re.compile(rb"\x06.{5}\x00\x00\x00", re.DOTALL)
+"""Opcode of a chunk, and a length whose upper three bytes are zero."""
 
 
 class Damage(NamedTuple):
-    """Bytes of a file that are not what was written."""
+    """Bytes of a file that differ from what was written."""
 
     start: int
     end: int
     what: str
     kind: str = "bytes"
-    """"bytes": in the data; "index": of a chunk, which tells what is right; "end": from the end of the data on;
-    "tail": after a whole end; "data": somewhere in the data, not known where."""
+    """"bytes": in the data; "index": in the index of a chunk, which can be derived again; "end": from the end of the
+    data on; "tail": after a complete end; "data": somewhere in the data."""
     right: bytes = b""
-    """What should stand there, where that is known."""
+    """The right bytes, where they can be derived."""
 
 
 class Message(NamedTuple):
-    """A message of a file; `data` is a view that lives as long as it is held."""
+    """A message of a file; `data` is a view of the chunk, which it keeps in memory."""
 
     channel: int
     sequence: int
@@ -49,22 +50,43 @@ class Message(NamedTuple):
     """Of `data` in the file; -1 in a compressed chunk."""
 
 
+class InnerRecord(NamedTuple):
+    """A record in a chunk: its opcode, and its first byte and the byte after its last in the payload."""
+
+    opcode: int
+    start: int
+    end: int
+
+
+class Unpacked(NamedTuple):
+    """A chunk, its uncompressed payload, and the records in the payload."""
+
+    chunk: Chunk
+    payload: memoryview
+    records: list[InnerRecord]
+
+
 def unpack_message(record: bytes | memoryview, start: int, end: int, offset: int) -> Message:
-    """Return the message whose record is at `start` to `end`; `offset` is where its data are in the file."""
+    """Return the message whose record is at `start` to `end`; `offset` is that of its data in the file."""
     _, _, channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(record, start)
     data = memoryview(record)[start + MESSAGE_HEAD.size : end]
     return Message(channel, sequence, log_time, publish_time, data, offset)
 
 
-def unpack_chunk(record: bytes, sealed: bool = False) -> tuple[Chunk, memoryview, list[tuple[int, int, int]]]:
-    """Return a chunk record, its unpacked payload, and (opcode, start, end) of the records in there.
+def unpack_chunk(record: bytes, sealed: bool = False) -> Unpacked:
+    """Unpack a chunk record, and check its CRC.
 
-    A CRC of zero means that there is none, as MCAP says; in a file that is `sealed` every chunk has one.
+    Parameters
+    ----------
+    record
+        With opcode and length.
+    sealed
+        A CRC of zero is a value like any other. MCAP allows it to mean that there is no CRC.
 
     Raises
     ------
     ValueError
-        Where a length or the CRC does not hold; other `PARSE_ERRORS` where bytes make no sense.
+        Where a length or the CRC is wrong; other `PARSE_ERRORS` for bytes that cannot be parsed.
     """
     _, length, first, last, size, crc, name_length = struct.unpack_from("<BQQQQII", record)
     at = CHUNK_HEAD.size - 8 + name_length
@@ -86,26 +108,26 @@ def unpack_chunk(record: bytes, sealed: bool = False) -> tuple[Chunk, memoryview
         try:
             stream, unpacked = get_chunk_data_stream(chunk)
             payload = memoryview(stream.read(unpacked))
-        except Exception as error:  # zstd and lz4 raise their own
+        except Exception as error:  # zstd and lz4 raise exceptions of their own
             raise ValueError(f"a chunk that cannot be unpacked: {error}") from None
     actual = crc32(payload) if crc or sealed else 0
     if actual != crc:
         raise ValueError(f"the chunk has CRC {actual:08x}, should have {crc:08x}")
-    inner, position = [], 0
+    records, position = [], 0
     while position < len(payload):
-        opcode, length = struct.unpack_from("<BQ", payload, position)
-        end = position + 9 + length
+        opcode, length = RECORD_HEAD.unpack_from(payload, position)
+        end = position + RECORD_HEAD.size + length
         if end > len(payload) or (opcode == Opcode.MESSAGE and length < MESSAGE_FIXED):
             raise ValueError(f"a record of {length} bytes at byte {position} of a chunk of {len(payload)}")
-        inner.append((opcode, position, end))
+        records.append(InnerRecord(opcode, position, end))
         position = end
-    return chunk, payload, inner
+    return Unpacked(chunk, payload, records)
 
 
 def find_chunk(fd: int, at: int, sealed: bool = False) -> int | None:
-    """Return where the first chunk at or after `at` begins whose lengths and CRC hold, if any.
+    """Return the offset of the first chunk at or after `at` whose lengths and CRC are right; None where there is none.
 
-    Without a CRC the records in it have to make sense: nothing but schemas, channels and messages of its time.
+    Where a chunk has no CRC, its records are checked instead: schemas, channels, and messages of its time only.
     """
     with mmap.mmap(fd, 0, prot=mmap.PROT_READ) as view:
         for match in _CHUNK_START.finditer(view, at):
@@ -113,12 +135,13 @@ def find_chunk(fd: int, at: int, sealed: bool = False) -> int | None:
             if start + CHUNK_HEAD.size > len(view):
                 return None
             _, length, first, last, size, crc, name_length, packed = CHUNK_HEAD.unpack_from(view, start)
-            plain = name_length == 0 and size == packed == length - CHUNK_HEAD.size + 9
-            if not (plain or name_length in (3, 4)) or first > last or length > len(view) - start - 9:
+            end = start + RECORD_HEAD.size + length
+            plain = name_length == 0 and size == packed == length - CHUNK_HEAD.size + RECORD_HEAD.size
+            if not (plain or name_length in (3, 4)) or first > last or end > len(view):  # 3, 4: lz4, zstd
                 continue
             try:
-                _, payload, inner = unpack_chunk(view[start : start + 9 + length], sealed)
-                if not crc and not _plausible(payload, inner, first, last):
+                unpacked = unpack_chunk(view[start:end], sealed)
+                if not crc and not _plausible(unpacked, first, last):
                     continue
             except PARSE_ERRORS:
                 continue
@@ -126,11 +149,13 @@ def find_chunk(fd: int, at: int, sealed: bool = False) -> int | None:
     return None
 
 
-def _plausible(payload: memoryview, inner: list[tuple[int, int, int]], first: int, last: int) -> bool:
-    """Whether records are what a chunk with these first and last log times may hold."""
-    opcodes = {opcode for opcode, _, _ in inner}
+def _plausible(unpacked: Unpacked, first: int, last: int) -> bool:
+    """Return whether a chunk with these first and last log times may hold these records."""
+    opcodes = {record.opcode for record in unpacked.records}
     times = (
-        unpack_message(payload, start, end, -1).log_time for opcode, start, end in inner if opcode == Opcode.MESSAGE
+        unpack_message(unpacked.payload, record.start, record.end, -1).log_time
+        for record in unpacked.records
+        if record.opcode == Opcode.MESSAGE
     )
     return (
         Opcode.MESSAGE in opcodes

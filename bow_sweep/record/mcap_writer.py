@@ -1,7 +1,7 @@
-"""One MCAP file, written a chunk at a time: what is committed is in the file, complete, with its index.
+"""Writes one MCAP file, a chunk at a time: a committed chunk is complete in the file, with its index.
 
-mcap's own writer copies each message four times and reads it twice for the two CRCs; for 456 MB a map that was 0.8 s of
-CPU. Here message bytes go to the file as they came (`os.writev`). Small records are mcap's.
+The writer of the mcap package copies each message four times and reads it twice for the two CRCs: 0.8 s of CPU for the
+456 MB of a map. Here `os.writev` writes the bytes of a message as they came. Other records are built with mcap.
 """
 
 from __future__ import annotations
@@ -32,18 +32,25 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 LIBRARY = "bow"
+RECORD_HEAD = struct.Struct("<BQ")
+"""Opcode and length of what follows: the head of every record."""
 CHUNK_HEAD = struct.Struct("<BQQQQIIQ")
-"""Opcode, length, first and last log time, size, CRC, length of the compression's name (0: none), size again."""
+"""Opcode, length, first and last log time, size, CRC, length of the compression's name (0: none), size again.
+
+The head of an uncompressed chunk record; see https://mcap.dev/spec.
+"""
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time, publish time."""
-MESSAGE_FIXED = MESSAGE_HEAD.size - 9
-FOOTER_SIZE = 9 + 20
-COVER = struct.Struct("<BQ")
-"""Opcode and length of a record: what covers bytes that cannot be read any more."""
-COVERED = 0xB0
-"""Opcode of a record over such bytes; from 0x80 on opcodes are anybody's, and readers skip those they don't know."""
+MESSAGE_FIXED = MESSAGE_HEAD.size - RECORD_HEAD.size
+FOOTER_SIZE = RECORD_HEAD.size + 20
 
-_MAX_PARTS = 512  # os.writev takes 1024
+APPLICATION_OPCODES = 0x80
+"""From here on MCAP leaves opcodes to applications; readers skip records that they do not know."""
+
+COVERED = 0xB0
+"""Opcode of a record that covers damaged bytes."""
+
+_MAX_PARTS = 512  # os.writev takes 1024 at most
 
 
 def pack(*records: McapRecord) -> bytes:
@@ -56,14 +63,14 @@ def pack(*records: McapRecord) -> bytes:
 
 
 def index_of(entries: Mapping[int, Sequence[tuple[int, int]]], offset: int) -> tuple[bytes, dict[int, int]]:
-    """Return the message index that follows a chunk and where in the file each channel's part begins.
+    """Return the message index that follows a chunk, and the offset in the file of each channel's part.
 
     Parameters
     ----------
     entries
         Channel -> (log time, offset within the chunk) of its messages.
     offset
-        Where the index begins in the file.
+        Of the index in the file.
     """
     offsets, parts = {}, []
     for channel, records in entries.items():
@@ -74,7 +81,19 @@ def index_of(entries: Mapping[int, Sequence[tuple[int, int]]], offset: int) -> t
 
 
 class Contents:
-    """What a file's summary says of its data: grows with every chunk written or read."""
+    """The contents of a file's summary; updated with every chunk that is written or read.
+
+    Attributes
+    ----------
+    schemas, channels
+        By their numbers.
+    chunks, attachments, metadata
+        Index records.
+    counts
+        Channel number -> messages.
+    start, end
+        First and last log time, nanoseconds since 1970; 0 where there is no message.
+    """
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}
@@ -87,16 +106,16 @@ class Contents:
 
     @property
     def messages(self) -> int:
-        """Messages in all."""
+        """Number of messages."""
         return sum(self.counts.values())
 
     def note_time(self, start: int, end: int, first: bool) -> None:
-        """Widen the span of log times."""
+        """Extend the span of log times; start it with the `first` chunk or message."""
         self.start = start if first else min(self.start, start)
         self.end = end if first else max(self.end, end)
 
     def statistics(self) -> Statistics:
-        """Return the record of counts."""
+        """Return the statistics record."""
         return Statistics(
             attachment_count=len(self.attachments),
             channel_count=len(self.channels),
@@ -110,7 +129,7 @@ class Contents:
         )
 
     def ending(self, offset: int, data_crc: int) -> bytes:
-        """Return everything after the data section, which ends at `offset`: its CRC, the summary, the footer."""
+        """Return the bytes after the data section, which ends at `offset`: its CRC, the summary, the footer."""
         data_end = pack(DataEnd(data_crc))
         summary_start = offset + len(data_end)
         groups: list[tuple[Opcode, list[McapRecord]]] = [
@@ -135,16 +154,16 @@ class Contents:
 
 
 class McapWriter:
-    """Writes one new MCAP file. After an `OSError` the file ends where the last commit ended.
+    """Writes a new MCAP file. After an `OSError` the file ends with the last commit.
 
     Parameters
     ----------
     path
-        Created; must not exist.
+        The file to create; must not exist.
     schemas, channels
-        All that will be used, written at the start.
+        All that will be used; written at the start.
     notes
-        Records for people and checkers, after them.
+        Metadata records, written after them.
     """
 
     def __init__(
@@ -199,14 +218,13 @@ class McapWriter:
         Raises
         ------
         OSError
-            Where the disk does not take it; the file is cut back and the messages stay pending.
+            Where it cannot be written; the file is truncated to the commit before, and the messages stay pending.
         """
         if not self._parts:
             return
         size = self.pending
-        head = CHUNK_HEAD.pack(
-            Opcode.CHUNK, CHUNK_HEAD.size - 9 + size, self._start, self._end, size, self._chunk_crc, 0, size
-        )
+        length = CHUNK_HEAD.size - RECORD_HEAD.size + size
+        head = CHUNK_HEAD.pack(Opcode.CHUNK, length, self._start, self._end, size, self._chunk_crc, 0, size)
         index_start = self._offset + len(head) + size
         index, offsets = index_of(self._entries, index_start)
         chunk = ChunkIndex(
@@ -231,12 +249,12 @@ class McapWriter:
         self._reset()
 
     def finish(self) -> None:
-        """Commit, write summary and footer, see them on the disk, close.
+        """Commit, write summary and footer, sync the file to the disk, close it.
 
         Raises
         ------
         OSError
-            Where the disk does not take it; the file then ends with the last commit, and is closed.
+            Where it cannot be written; the file then ends with the last commit, and is closed.
         """
         try:
             self.commit()
@@ -246,11 +264,11 @@ class McapWriter:
             self.abandon()
 
     def fileno(self) -> int:
-        """Return the file's descriptor, to see on the disk what is committed; it is closed at the end."""
+        """Return the file descriptor, for syncs; it is closed at the end."""
         return self._fd
 
     def abandon(self) -> None:
-        """Close the file as it is: without what is pending and without a summary, unless finished."""
+        """Close the file without writing what is pending, nor the summary."""
         if self._fd >= 0:
             os.close(self._fd)
             self._fd = -1
@@ -269,14 +287,14 @@ class McapWriter:
 
 
 def write_all(fd: int, parts: list[bytes | memoryview]) -> None:
-    """Write all parts, however many calls it takes."""
-    waiting: list[bytes | memoryview] = [part for part in parts if len(part)]
-    while waiting:
-        written = os.writev(fd, waiting)
+    """Write all parts; a single call may write fewer bytes."""
+    left: list[bytes | memoryview] = [part for part in parts if len(part)]
+    while left:
+        written = os.writev(fd, left)
         done = 0
-        while done < len(waiting) and written >= len(waiting[done]):
-            written -= len(waiting[done])
+        while done < len(left) and written >= len(left[done]):
+            written -= len(left[done])
             done += 1
-        waiting = waiting[done:]
-        if waiting and written:
-            waiting[0] = memoryview(waiting[0])[written:]
+        left = left[done:]
+        if left and written:
+            left[0] = memoryview(left[0])[written:]

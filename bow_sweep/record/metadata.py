@@ -1,7 +1,7 @@
 """metadata.yaml of a bag, version 9, as rosbag2 of ROS 2 Jazzy writes it.
 
-What it says of the files is a function of the files alone, so that a checker can derive it again. It is compared by
-meaning: other tools write it in another order and format, and people add to it. What is not ours there is kept.
+Its entries depend on the files alone, so that they can be derived again and compared. They are compared by meaning:
+other tools use another order and format, and people add entries, which are kept.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DISTRO = "jazzy"
 ROOT = "rosbag2_bagfile_information"
 
 NESTED_QOS = 9
-"""From this version on QoS profiles are YAML; before, they are a text that holds YAML."""
+"""From this version on QoS profiles are YAML; before, they are a string that contains YAML."""
 
 HASHED = 9
 """From this version on every topic has the hash of its type."""
@@ -31,7 +31,7 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class TopicInfo(NamedTuple):
-    """What metadata.yaml says of a topic."""
+    """The entry of a topic in metadata.yaml."""
 
     type: str
     qos: str
@@ -40,7 +40,7 @@ class TopicInfo(NamedTuple):
 
 @dataclass(frozen=True)
 class FileInfo:
-    """What metadata.yaml says of a file: log times in nanoseconds since 1970, messages by full topic name."""
+    """The entry of a file in metadata.yaml: log times in nanoseconds since 1970, messages by full topic name."""
 
     name: str
     start: int
@@ -50,25 +50,34 @@ class FileInfo:
 
     @classmethod
     def of(cls, name: str, contents: Contents) -> FileInfo:
-        """Return it for a file written or read."""
+        """Return the entry of a file that was written or read."""
         topics: dict[str, TopicInfo] = {}
         counts: dict[str, int] = {}
         for channel in contents.channels.values():
             schema = contents.schemas.get(channel.schema_id)
-            said = channel.metadata
+            details = channel.metadata
             topics[channel.topic] = TopicInfo(
-                schema.name if schema else "", said.get("offered_qos_profiles", ""), said.get("topic_type_hash", "")
+                schema.name if schema else "",
+                details.get("offered_qos_profiles", ""),
+                details.get("topic_type_hash", ""),
             )
             counts[channel.topic] = counts.get(channel.topic, 0) + contents.counts.get(channel.id, 0)
         return cls(name, contents.start, contents.end, counts, topics)
 
     @property
     def messages(self) -> int:
-        """Messages in all."""
+        """Number of messages."""
         return sum(self.counts.values())
 
 
-def records(topics: Mapping[str, Topic]) -> tuple[list[Schema], list[Channel]]:
+class Definitions(NamedTuple):
+    """The records that describe the topics of a file."""
+
+    schemas: list[Schema]
+    channels: list[Channel]
+
+
+def definitions(topics: Mapping[str, Topic]) -> Definitions:
     """Return the schemas and channels of a file that will hold `topics`, by their full names.
 
     Raises
@@ -94,7 +103,7 @@ def records(topics: Mapping[str, Topic]) -> tuple[list[Schema], list[Channel]]:
                 },
             )
         )
-    return list(schemas.values()), channels
+    return Definitions(list(schemas.values()), channels)
 
 
 def _topic_lines(name: str, info: TopicInfo, count: int) -> list[str]:
@@ -112,7 +121,7 @@ def _topic_lines(name: str, info: TopicInfo, count: int) -> list[str]:
 
 
 def render(files: Sequence[FileInfo], others: Mapping[str, Any] | None = None) -> str:
-    """Return the text of metadata.yaml for the files of a bag, in order, with what `others` wrote there."""
+    """Return the text of metadata.yaml for the files of a bag, in order, with the entries of `others`."""
     filled = [file for file in files if file.messages]
     start = min((file.start for file in filled), default=0)
     end = max((file.end for file in filled), default=0)
@@ -157,23 +166,23 @@ OURS = (
     *("version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count"),
     *("compression_format", "compression_mode", "relative_file_paths", "files", "ros_distro"),
 )
-"""Entries that are written here; others', `custom_data` among them, are kept."""
+"""Entries that are written here; all others, as `custom_data`, are kept."""
 
 
 class MetadataError(ValueError):
-    """Text that is no metadata.yaml; says why."""
+    """A text is not a metadata.yaml; the message states why."""
 
 
 def parse(text: bytes) -> dict[str, Any]:
-    """Return what metadata.yaml says.
+    """Return the entries of metadata.yaml.
 
     Raises
     ------
     MetadataError
-        Where it does not hold a bag's information.
+        Where it is not YAML, or not the information on a bag.
     """
     try:
-        content = yaml.load(text.decode(), _LOADER)  # one of the safe ones
+        content = yaml.load(text.decode(), _LOADER)  # a safe loader
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise MetadataError(f"is no YAML: {' '.join(str(error).split())[:200]}") from None
     info = content.get(ROOT) if isinstance(content, dict) else None
@@ -183,42 +192,42 @@ def parse(text: bytes) -> dict[str, Any]:
 
 
 def others_part(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what others wrote into metadata.yaml, which is to be kept."""
+    """Return the entries of metadata.yaml that others have added, which are kept."""
     return {name: value for name, value in info.items() if name not in OURS and value is not None}
 
 
 def differences(info: Mapping[str, Any], files: Sequence[FileInfo]) -> list[str]:
-    """Return what metadata.yaml says otherwise than the files of the bag; texts for people, empty where nothing."""
+    """Return the differences between metadata.yaml and the files of the bag, as texts for people."""
     try:
         given, right = _meaning(info), _meaning(parse(render(files).encode()))
     except (AttributeError, KeyError, TypeError, ValueError, yaml.YAMLError) as error:
         return [f"makes no sense: {error!r}"]
     if given.get("compression_mode"):
         mode, kind = given["compression_mode"], info.get("compression_format")
-        return [f"says that the bag is compressed ({kind}, by {mode}); its files are not"]
+        return [f"states that the bag is compressed ({kind}, by {mode}); its files are not"]
     out = []
     for name in [*right, *(name for name in given if name not in right)]:
-        its, should = given.get(name), right.get(name)
-        if its == should or (its is None and (name in _OPTIONAL or name.startswith(_HASH))):
+        value, should = given.get(name), right.get(name)
+        if value == should or (value is None and (name in _OPTIONAL or name.startswith(_HASH))):
             continue
-        empty = name.startswith("topic ") and None in (its, should) and (its or should or (0,))[-1] == 0
-        if not empty:  # tools leave out topics without messages
-            out.append(f"{name} is {its!r}, the files make it {should!r}")
+        empty = name.startswith("topic ") and None in (value, should) and (value or should or (0,))[-1] == 0
+        if not empty:  # other tools omit topics without messages
+            out.append(f"{name} is {value!r}, the files make it {should!r}")
     return out
 
 
 _HASH = "type_description_hash"
 _OPTIONAL = ("files", "duration", "starting_time", "compression_mode")
-"""What old versions do not say, or only of some bags."""
+"""Entries that old versions do not have, or only of some bags."""
 
 
 def _meaning(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what metadata say of a bag, flat, in one form for all versions and orders.
+    """Return the entries of metadata.yaml in one flat form for all versions and orders.
 
     Raises
     ------
     AttributeError, KeyError, TypeError, ValueError
-        Where they do not say it.
+        Where entries are missing or wrong.
     """
     version = info["version"]
     if type(version) is not int or version < 1:
@@ -233,19 +242,19 @@ def _meaning(info: Mapping[str, Any]) -> dict[str, Any]:
         out["duration"] = info["duration"]["nanoseconds"]
         out["starting_time"] = info["starting_time"]["nanoseconds_since_epoch"]
     for topic in info["topics_with_message_count"] or []:
-        said = topic["topic_metadata"]
-        qos = said.get("offered_qos_profiles") or []
+        details = topic["topic_metadata"]
+        qos = details.get("offered_qos_profiles") or []
         if bool(qos) and isinstance(qos, str) == (version >= NESTED_QOS):
-            raise ValueError(f"QoS of {said['name']} as {type(qos).__name__} in version {version}")
+            raise ValueError(f"QoS of {details['name']} as {type(qos).__name__} in version {version}")
         qos = yaml.load(qos, _LOADER) if isinstance(qos, str) else qos
-        out[f"topic {said['name']}"] = (
-            said["type"],
-            said["serialization_format"],
+        out[f"topic {details['name']}"] = (
+            details["type"],
+            details["serialization_format"],
             [_plain(profile) for profile in qos],
             topic["message_count"],
         )
-        if _HASH in said or version >= HASHED:
-            out[f"{_HASH} of {said['name']}"] = said.get(_HASH) or ""
+        if _HASH in details or version >= HASHED:
+            out[f"{_HASH} of {details['name']}"] = details.get(_HASH) or ""
     files = [_file(file) for file in info.get("files") or []]
     out["files"] = sorted(files) or None
     return out
@@ -263,14 +272,14 @@ _NAMES = {
     "durability": {1: "transient_local", 2: "volatile"},
     "liveliness": {1: "automatic", 3: "manual_by_topic"},
 }
-"""Old versions have numbers where new ones have words."""
+"""Old versions have numbers in place of these names."""
 
 _INFINITE = ((9223372036, 854775807), (2147483647, 4294967295), (0, 0))
-"""What tools write for a duration without bound: seconds, nanoseconds."""
+"""(seconds, nanoseconds) that tools write for an infinite duration."""
 
 
 def _plain(profile: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a QoS profile with the words of today."""
+    """Return a QoS profile with the names of the current version."""
     out = {}
     for name, value in profile.items():
         if isinstance(value, dict):

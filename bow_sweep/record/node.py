@@ -210,7 +210,7 @@ class RecorderNode(BowNode):
             return
         if self.awake.now() - self._answered_again_at >= AGAIN_S:
             self._answered_again_at = self.awake.now()
-            session.say_again()
+            session.repeat_receipts()
         self._commit(session)
         self._check_readers(session)
 
@@ -230,7 +230,7 @@ class RecorderNode(BowNode):
 
     def _count(self, session: Session) -> None:
         self.health.messages, self.health.bytes = session.messages, session.bytes
-        self.health.duplicates = session.inventory.duplicates
+        self.health.duplicates = session.stored.duplicates
         self.health.ignored, self._counted = self.health.ignored + session.ignored - self._counted, session.ignored
 
     def _commit(self, session: Session) -> None:

@@ -1,57 +1,68 @@
-"""What our files say of themselves in MCAP metadata records: how they are written, and which messages are missing.
+"""MCAP metadata records of our files: the version of the record, and the numbers of messages that are missing.
 
-Messages are missing, by their numbers, where a run goes on although a file of its bag was lost or damaged.
+Messages are missing where a run was resumed although a file of its bag was lost or damaged.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from mcap.records import Metadata
 
 NAME = "bow.missing"
-"""Of the metadata record that says which messages before its file are missing, and why."""
+"""Name of the record that lists the messages missing before its file, and why."""
 
 HOW = Metadata("bow.record", {"version": "2"})
-"""Stands in every file. Version 2: every block that is whole is receipted as on the disk. Files of old lack it."""
+"""Record in every file. Version 2: each complete block has a receipt when it is on the disk. Older files have none."""
 
-Range = tuple[int, int]
-"""Numbers of the first and the last message of some."""
+
+class Range(NamedTuple):
+    """Numbers of the first and the last of some messages."""
+
+    first: int
+    last: int
+
 
 _RANGES = re.compile(r"\d{1,10}-\d{1,10}(,\d{1,10}-\d{1,10})*")
 
 
 def note(missing: Sequence[Range], why: str) -> Metadata:
-    """Return the record that notes missing messages."""
-    return Metadata(NAME, {"messages": ",".join(f"{start}-{end}" for start, end in missing), "why": why})
+    """Return the record that lists missing messages."""
+    return Metadata(NAME, {"messages": ",".join(f"{first}-{last}" for first, last in missing), "why": why})
 
 
 def version_in(records: Iterable[Metadata]) -> int:
-    """Return how a file says that it is written; 1 where it says nothing."""
-    said = [record.metadata.get("version", "") for record in records if record.name == HOW.name]
-    return max([1, *(int(text) for text in said if re.fullmatch(r"\d{1,4}", text))])
+    """Return the version that a file states; 1 where it states none."""
+    versions = [record.metadata.get("version", "") for record in records if record.name == HOW.name]
+    return max([1, *(int(text) for text in versions if re.fullmatch(r"\d{1,4}", text))])
 
 
 def noted_in(records: Iterable[Metadata]) -> list[Range]:
-    """Return what the records of a file note as missing; one that makes no sense notes nothing."""
+    """Return the missing messages that the records of a file list; records that cannot be parsed list none."""
     found = []
     for record in records:
         text = record.metadata.get("messages", "")
         if record.name == NAME and _RANGES.fullmatch(text):
-            found += [(int(start), int(end)) for start, _, end in (part.partition("-") for part in text.split(","))]
+            for part in text.split(","):
+                first, _, last = part.partition("-")
+                found.append(Range(int(first), int(last)))
     return found
 
 
 def outside(ranges: Iterable[Range], others: Iterable[Range]) -> list[Range]:
-    """Return the parts of some ranges that are in none of the others."""
+    """Return the parts of `ranges` that are in none of the `others`, sorted."""
     left = list(ranges)
-    for first, last in others:
+    for start, end in others:
         cut = []
-        for start, end in left:
-            if last < start or first > end:
-                cut.append((start, end))
-            else:
-                cut += [(start, first - 1)] * (start < first) + [(last + 1, end)] * (end > last)
+        for one in left:
+            if one.last < start or one.first > end:
+                cut.append(one)
+                continue
+            if one.first < start:
+                cut.append(Range(one.first, start - 1))
+            if one.last > end:
+                cut.append(Range(end + 1, one.last))
         left = cut
     return sorted(left)

@@ -1,37 +1,54 @@
-"""Repairs bags: what is whole is kept, what is not is set aside beside the bag, index and footer are written anew.
+"""Repairs bags: complete data are kept, the rest is set aside beside the bag, index and footer are written anew.
 
-A torn file is cut after its last complete chunk and given its end, in place: no room for a copy of it is needed, and
-dying here leaves just another torn file. In a file of ours that is damaged further in, one record covers the bad bytes,
-so that what is good before and after them stays where it is. A file that cannot be mended so, or that holds again what
-other files hold (a copy, an older version), is set aside whole: its blocks are computed again, with the same bytes.
+A torn file is cut after its last complete chunk, and gets its end in place. That needs no room for a copy, and leaves
+just another torn file where the process is killed meanwhile. In a file of ours with damage further in, one record
+covers the damaged bytes, so that the data before and after them keep their places. A file that cannot be mended so, or
+that stores again what other files store (a copy, an older version), is set aside: its blocks are computed again, with
+the same bytes.
 
-Of bags that others wrote only torn files are repaired; what is whole is not touched.
+Of bags by other writers only torn files are repaired; complete ones are not touched.
 """
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from isal.isal_zlib import crc32
 from mcap.records import Header
 
 from bow_sweep.record.aside import copy_aside, set_aside
 from bow_sweep.record.bag import FOLDER, METADATA, bag_of, write_metadata
-from bow_sweep.record.inspection import ASIDE, KEEP, MEND, REFUSE, Identity, Inspection, Part, inspect
+from bow_sweep.record.bag_contents import RunIdentity
+from bow_sweep.record.inspection import ASIDE, KEEP, MEND, REFUSE, Inspection, Part, inspect
 from bow_sweep.record.mcap_reader import Scan
-from bow_sweep.record.mcap_writer import COVER, COVERED, LIBRARY, MAGIC, pack, write_all
+from bow_sweep.record.mcap_writer import COVERED, LIBRARY, MAGIC, RECORD_HEAD, pack, write_all
 from bow_sweep.record.metadata import MetadataError, differences, others_part, parse
 from bow_sweep.run.ledger_file import read_leniently
 from bow_sweep.run.lock import locked
 
 ROUNDS = 4
-"""Damage found one behind the other, looked at again after each repair, before a file is set aside whole."""
+"""A file is read again after each repair; where damage is left after so many, it is set aside."""
 
 
-def repair_file(scan: Scan) -> None:
-    """Give a torn file, read to its end by `scan`, the end that it lacks."""
+class _Piece(NamedTuple):
+    """Bytes of a file that are taken out, and those that replace them; empty where they are unknown."""
+
+    start: int
+    end: int
+    right: bytes = b""
+
+
+class _Metadata(NamedTuple):
+    """Whether metadata.yaml was written anew, and the file that was set aside, if any."""
+
+    rewritten: bool
+    aside: Path | None = None
+
+
+def finish_file(scan: Scan) -> None:
+    """Cut a torn file, read by `scan`, after its last complete record, and write its end."""
     descriptor = os.open(scan.path, os.O_RDWR | os.O_CLOEXEC)
     try:
         os.ftruncate(descriptor, scan.good_end)
@@ -48,47 +65,47 @@ def repair_file(scan: Scan) -> None:
 
 
 def mend_file(scan: Scan) -> tuple[bool, list[Path]]:
-    """Mend a file read to its end by `scan`; return whether it is whole now, and what was set aside."""
+    """Mend a file, read by `scan`; return whether it is whole now, and the files with the bytes taken out."""
     aside: list[Path] = []
     for _ in range(ROUNDS):
         if scan.whole:
             break
-        parts = _taken_out(scan)
-        aside += [copy_aside(scan.path, start, end) for start, end, _ in parts if end > start]
+        pieces = _taken_out(scan)
+        aside += [copy_aside(scan.path, piece.start, piece.end) for piece in pieces if piece.end > piece.start]
         if scan.damage:
-            _overwrite(scan, parts)
+            _overwrite(scan, pieces)
         else:
-            repair_file(scan)
+            finish_file(scan)
         scan = Scan(scan.path).run()
     return scan.whole, aside
 
 
-def _taken_out(scan: Scan) -> list[tuple[int, int, bytes]]:
-    """Return which bytes go, and what takes their place where that is known; what is cut off comes last."""
+def _taken_out(scan: Scan) -> list[_Piece]:
+    """Return the pieces to take out; the last one is cut off, and may be empty."""
     cut = min([scan.size, *(d.start for d in scan.damage if d.end >= scan.size and not d.right)])
     if not scan.finished or any(damage.kind == "end" for damage in scan.damage):
         cut = min(cut, scan.good_end)
-    parts = [(d.start, d.end, d.right) for d in scan.damage if d.end <= cut]
-    return [*parts, (cut, scan.size, b"")]
+    pieces = [_Piece(d.start, d.end, d.right) for d in scan.damage if d.end <= cut]
+    return [*pieces, _Piece(cut, scan.size)]
 
 
-def _overwrite(scan: Scan, parts: list[tuple[int, int, bytes]]) -> None:
-    """Put the right bytes in the place of bad ones, or cover them by a record that readers skip; cut off the last.
+def _overwrite(scan: Scan, pieces: list[_Piece]) -> None:
+    """Replace pieces by the right bytes, or by a record that readers skip; cut off the last piece.
 
-    Where bytes of the data are changed, the end of the file goes too: it is written anew.
+    Where data are changed, the end of the file is cut off too: the next round writes it anew.
     """
     descriptor = os.open(scan.path, os.O_RDWR | os.O_CLOEXEC)
     try:
-        for start, end, right in parts[:-1]:
-            os.pwrite(descriptor, right or COVER.pack(COVERED, end - start - COVER.size), start)
-        os.ftruncate(descriptor, scan.good_end if parts[1:] and scan.finished else parts[-1][0])
+        for start, end, right in pieces[:-1]:
+            os.pwrite(descriptor, right or RECORD_HEAD.pack(COVERED, end - start - RECORD_HEAD.size), start)
+        os.ftruncate(descriptor, scan.good_end if pieces[1:] and scan.finished else pieces[-1].start)
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
 
 def repair(
-    directory: Path, identity: Identity | None = None, dry_run: bool = False, resuming: bool = False
+    directory: Path, identity: RunIdentity | None = None, dry_run: bool = False, resuming: bool = False
 ) -> tuple[dict[str, Any], Inspection]:
     """Repair the files of a bag; see :func:`recover`.
 
@@ -97,11 +114,11 @@ def repair(
     directory
         Of the bag itself; may be empty or missing.
     identity
-        Run and sweep that it belongs to, where that is known: then no file of others stays in it.
+        Run and sweep of the bag, where they are known: files of others are set aside.
     dry_run
-        Say what would be done, change nothing.
+        Report what would be done, change nothing.
     resuming
-        Set aside also what others wrote where the run cannot go on with it.
+        Also set aside files of other writers that the run cannot continue from.
 
     Returns
     -------
@@ -113,7 +130,7 @@ def repair(
     Raises
     ------
     BagError
-        Where it is the bag of another run, or of several.
+        Where the bag is of another run, or of several.
     """
     reports: dict[str, dict[str, Any]] = {}
     for _ in range(ROUNDS):
@@ -121,22 +138,21 @@ def repair(
         failed = [part for part in found.parts if not _carry_out(part, reports, dry_run)]
         if not failed:
             break
-    rewritten, aside = _settle_metadata(directory, found, dry_run)
-    order = sorted(reports)
+    metadata = _repair_metadata(directory, found, dry_run)
     report = {
         "ok": not any(part.action == REFUSE for part in found.parts),
         "bag": str(directory),
-        "files": [reports[name] for name in order],
-        "metadata_rewritten": rewritten,
-        "metadata_aside": str(aside) if aside else None,
-        "missing": [list(range_) for range_ in found.survey.missing()],
+        "files": [reports[name] for name in sorted(reports)],
+        "metadata_rewritten": metadata.rewritten,
+        "metadata_aside": str(metadata.aside) if metadata.aside else None,
+        "missing": [list(missing) for missing in found.survey.missing()],
         "dry_run": dry_run,
     }
     return report, found
 
 
 def _carry_out(part: Part, reports: dict[str, dict[str, Any]], dry_run: bool) -> bool:
-    """Do with a file what is to be done; return whether its contents are what was found."""
+    """Do what was decided for a file, and report it; return False where it could not be mended and was set aside."""
     scan, name = part.scan, part.path.name
     whole = True
     aside: list[Path] = []
@@ -160,18 +176,18 @@ def _carry_out(part: Part, reports: dict[str, dict[str, Any]], dry_run: bool) ->
     return whole
 
 
-def _settle_metadata(directory: Path, found: Inspection, dry_run: bool) -> tuple[bool, Path | None]:
-    """Write metadata.yaml anew where it does not say what the files do; return whether, and what was set aside."""
+def _repair_metadata(directory: Path, found: Inspection, dry_run: bool) -> _Metadata:
+    """Write metadata.yaml anew where it does not agree with the files."""
     path, infos = directory / METADATA, found.survey.files
     if any(part.action == REFUSE for part in found.parts) or not (infos or path.exists()):
-        return False, None
+        return _Metadata(False)
     aside: Path | None = None
     others: dict[str, Any] = {}
     try:
         info = parse(path.read_bytes())
         untouched = all(part.action == KEEP and not part.scan.ours for part in found.parts)
         if infos and (untouched or not differences(info, infos)):
-            return False, None
+            return _Metadata(False)
         others = others_part(info)
     except FileNotFoundError:
         pass
@@ -181,21 +197,30 @@ def _settle_metadata(directory: Path, found: Inspection, dry_run: bool) -> tuple
     if not dry_run and infos:
         write_metadata(directory, infos, others)
     elif not dry_run and path.exists():
-        aside = set_aside(path)  # of files that are all gone
-    return bool(infos), aside
+        aside = set_aside(path)  # all files that it describes are gone
+    return _Metadata(bool(infos), aside)
 
 
 def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> dict[str, Any]:
-    """Repair the bag of a run directory, or a bag directory; what is whole stays as it is.
+    """Repair the bag of a run directory, or a bag directory; complete data stay as they are.
+
+    Parameters
+    ----------
+    run_directory
+        Run directory, or the bag itself.
+    dry_run
+        Report what would be done, change nothing.
+    lock
+        Lock the run directory; not possible on file systems without locks.
 
     Returns
     -------
     dict
-        For JSON. ``ok``: nothing is left that is damaged. ``files``: for each, what it ``was`` (whole, torn, damaged,
-        misplaced: a copy or an older version), what was done, ``did`` (keep, mend, set aside, refuse: damaged, and not
-        ours), ``why``, ``messages`` that stay in it, ``dropped_bytes`` after its last complete chunk, ``damage``: byte
-        ranges that are not what was written, and ``aside``: the files that hold what was taken out. ``missing``:
-        numbers of messages that are gone, [first, last].
+        For JSON. ``ok``: no damage is left. ``files``: for each, what it ``was`` (whole, torn, damaged, misplaced: a
+        copy or an older version), what was done, ``did`` (keep, mend, set aside, refuse: damaged, and by another
+        writer), ``why``, ``messages`` that stay in it, ``dropped_bytes`` after its last complete chunk, ``damage``:
+        ranges of bytes that differ from what was written, and ``aside``: the files that hold what was taken out.
+        ``missing``: numbers of messages that are gone, [first, last].
 
     Raises
     ------
@@ -212,7 +237,7 @@ def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> di
         return repair(directory, identity_of(run))[0]
 
 
-def identity_of(run_directory: Path) -> Identity | None:
-    """Return run and sweep as the ledger beside a bag has them; None where none tells."""
+def identity_of(run_directory: Path) -> RunIdentity | None:
+    """Return run and sweep from the ledger beside a bag; None where there is no ledger with a plan."""
     reading = read_leniently(run_directory)
-    return (reading.entries[0]["run_id"], reading.entries[0]["sweep_id"]) if reading.planned else None
+    return RunIdentity(reading.entries[0]["run_id"], reading.entries[0]["sweep_id"]) if reading.planned else None

@@ -1,9 +1,9 @@
-"""Judges a bag again, through the classifier's own core, which cannot tell a bag from a live graph.
+"""Classifies a bag again, with the core of the classifier node: its input is the same from a bag and from a live graph.
 
-Here in this process; :mod:`bow_sweep.processes.replay_graph` does it through DDS.
+Here that is done in this process; :mod:`bow_sweep.processes.replay_graph` does it through DDS.
 
-With the thresholds of the run the verdicts must be the recorded ones, byte for byte; with others they stand beside
-them, in ``verdicts-<hash>.npz``, never over them.
+With the thresholds of the run the verdicts must be the recorded ones, byte for byte. With others they are written
+beside them, into ``verdicts-<hash>.npz``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from bow_classifier.task import Task
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.atomic_files import replacing
-from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
@@ -29,12 +28,15 @@ from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
 from bow_sweep.record.mcap_reader import Scan
 
-Judge = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
-"""Yields (chunk, fields of Verdicts) for all chunks that a bag has in order."""
+Classify = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
+"""Yields (chunk, fields of Verdicts) for the chunks of a bag; of each block those before the first incomplete chunk."""
+
+SCAN_SHARE = 0.4
+"""Share of reading the bag in the work; the rest is to classify it."""
 
 
 def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
-    """Return the verdicts recorded in a run's bag, also while it is being written or repaired.
+    """Return the verdicts recorded in a run's bag, even while it is being written or repaired.
 
     Returns
     -------
@@ -62,22 +64,22 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
                     try:
                         values = expected.unseal("Verdicts", message.data)
                     except cdr.WireError:
-                        continue  # verify says so; what cannot be read is not tested
+                        continue  # `bow verify` reports it; here these cells are not tested
                     put(layers, expected, (values["block"], values["chunk"]), values)
         except OSError:
-            continue  # a torn end, just being cut off: nothing whole was in it
+            continue  # its torn end is being cut off; no complete message was in it
     if expected is None:
         raise BagError(f"{run_directory}: its bag holds no plan, so no verdicts can be placed")
     return layers
 
 
-def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[tuple[Key, dict[str, Any]]]:
-    """Yield (chunk, fields of Verdicts) of a block as far as its chunks go, from the recorded streams.
+def classify_block(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[tuple[Key, dict[str, Any]]]:
+    """Classify the recorded streams of a block: yield (chunk, fields of Verdicts) up to its first incomplete chunk.
 
     Raises
     ------
     BagError
-        Where the classifier does not take a recorded chunk; says why.
+        Where the classifier refuses a recorded chunk; the message states why.
     """
     classifier = Classifier("0" * 16)
     classifier.open(task)
@@ -92,20 +94,20 @@ def rejudge(survey: Survey, task: Task, block: int, chunks: Chunks) -> Iterator[
         yield (block, chunk), cdr.decode("Verdicts", out[0])
 
 
-def judge_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
-    """Yield (chunk, fields of Verdicts) of all blocks, judged in this process; raises as :func:`rejudge`."""
+def classify_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, Any]]]:
+    """Classify all blocks in this process; yields and raises as :func:`classify_block`."""
     with Chunks() as chunks:
         for block in range(task.outline.blocks):
-            yield from rejudge(survey, task, block, chunks)
+            yield from classify_block(survey, task, block, chunks)
 
 
 def differing(recorded: dict[str, np.ndarray], again: dict[str, Any]) -> list[str]:
-    """Return the names of the layers of a verdict that are not byte for byte the same."""
+    """Return the names of the fields of two verdicts that differ in any byte."""
     return [name for name in VERDICT_FIELDS if recorded[name].tobytes() != again[name].tobytes()]
 
 
 def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
-    """Return what the classifier must know of a recorded run.
+    """Return the task of the classifier for a recorded run, with other thresholds if given.
 
     Raises
     ------
@@ -119,12 +121,12 @@ def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
 
 
 def changed(thresholds: Thresholds, settings: Iterable[str]) -> Thresholds:
-    """Return thresholds with "name=value" settings over them; ``preset=NAME`` begins from a named set instead.
+    """Return thresholds changed by "name=value" settings; ``preset=NAME`` changes those of a named set instead.
 
     Raises
     ------
     ParameterError
-        For a setting that is none.
+        For an unknown or wrong setting.
     """
     given = {name.removeprefix("classifier."): value for name, value in parse_settings(settings).items()}
     base = {} if "preset" in given else dataclasses.asdict(thresholds)
@@ -133,39 +135,40 @@ def changed(thresholds: Thresholds, settings: Iterable[str]) -> Thresholds:
 
 def replay(
     run_directory: Path,
-    thresholds: Thresholds | None = None,
     settings: Iterable[str] = (),
     progress: Progress | None = None,
-    judge: Judge = judge_here,
+    classify: Classify = classify_here,
 ) -> dict[str, Any]:
-    """Judge the bag of a run again.
+    """Classify the bag of a run again.
 
     Parameters
     ----------
-    thresholds, settings
-        Other thresholds, or "name=value" changes to those of the run; both: changes to these.
+    run_directory
+        Of the run; or the bag itself.
+    settings
+        "name=value" changes to the thresholds of the run.
     progress
         Called with (done, total).
-    judge
-        Who judges the chunks: :func:`judge_here`, or :func:`bow_sweep.processes.replay_graph.judge_in_graph`.
+    classify
+        Classifies the chunks: :func:`classify_here`, or :func:`bow_sweep.processes.replay_graph.classify_in_graph`.
 
     Returns
     -------
     dict
-        For JSON. ``ok``; ``classifier`` and ``recorded_classifier``, hashes; ``chunks`` judged, ``equal`` of them as
-        recorded; ``differing``, the first chunks that are not; ``cells``, ``helmholtz_fraction``, ``regimes`` at the
+        For JSON. ``ok``; ``classifier`` and ``recorded_classifier``, hashes; ``chunks`` classified, ``equal`` of them
+        as recorded; ``differing``, the first chunks that are not; ``cells``, ``helmholtz_fraction``, ``regimes`` at the
         latest test; ``file``, the new verdict set, or None where the thresholds are those of the run.
-        ``ok`` means that every recorded chunk was judged and, with the thresholds of the run, as recorded.
+        ``ok`` means that every recorded chunk was classified and, with the thresholds of the run, as recorded.
 
     Raises
     ------
     BagError
-        Where there is no bag, it is damaged, or the classifier does not take what is in it.
+        Where there is no bag, it is damaged, or the classifier refuses a chunk of it.
     ParameterError
-        For thresholds that cannot be.
+        For an unknown or wrong setting.
     """
     directory = bag_of(run_directory)
-    survey = Survey(directory).read(progress, share=0.4)
+    survey = Survey(directory).read(progress, share=SCAN_SHARE)
     stored = [place for places in survey.places.values() for place in places.values()]
     packed = next((place.file for place in stored if place.offset < 0), None)
     if packed is not None:
@@ -175,24 +178,24 @@ def replay(
         raise BagError(f"{directory}: {first['what']} ({first.get('file', '')}); `bow verify` tells more")
     task = task_of(survey)
     recorded = task.thresholds
-    task = task_of(survey, changed(thresholds or recorded, settings))
+    task = task_of(survey, changed(recorded, settings))
     assert survey.expected is not None
     layers = empty_layers(survey.expected)
     same, same_hash = task.thresholds == recorded, task.thresholds.hash == survey.plan["classifier"]
     equal, count, unlike = 0, 0, []
     total = len(survey.places["bridge_force"])
-    for key, again in judge(survey, task):
+    for key, again in classify(survey, task):
         count += 1
         put(layers, survey.expected, key, again)
         known = survey.verdicts.get(key)
         names = ["all: not recorded"] if known is None else differing(known.layers, again)
         if same_hash and known is not None and known.checksum != again["checksum"] and not names:
-            names = ["checksum"]  # of the whole payload
+            names = ["checksum"]  # of all fields
         equal += not names
         if names and same:
             unlike.append({"block": key[0], "chunk": key[1], "layers": names})
         if progress is not None and (count % 64 == 0 or count == total):
-            progress(0.4 * total + 0.6 * count, total)
+            progress(SCAN_SHARE * total + (1 - SCAN_SHARE) * count, total)
     file = None
     if not same_hash:
         file = _write(run_directory, task, layers)
@@ -224,12 +227,12 @@ def _summary(layers: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def _write(run_directory: Path, task: Task, layers: dict[str, np.ndarray]) -> Path:
-    """Write a verdict set beside the recorded one; return its path."""
+    """Write verdicts into a file of the run directory, or beside the bag; return its path."""
     directory = Path(run_directory)
     if (directory / FOLDER).is_dir():
         path = directory / f"verdicts-{task.thresholds.hash}.npz"
     else:
-        path = directory.parent / f"verdicts-{task.thresholds.hash}.npz"  # a bag was named, not its run
+        path = directory.parent / f"verdicts-{task.thresholds.hash}.npz"  # `run_directory` is the bag
     with replacing(path) as file:
         np.savez_compressed(
             file,
@@ -241,6 +244,3 @@ def _write(run_directory: Path, task: Task, layers: dict[str, np.ndarray]) -> Pa
             **layers,  # type: ignore[arg-type]  # all arrays
         )
     return path
-
-
-__all__ = ["ParameterError", "load_verdicts", "rejudge", "replay"]

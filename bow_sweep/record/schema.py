@@ -1,7 +1,7 @@
-"""Interface definitions as a bag wants them: the .msg text with what it nests, the type's hash, and QoS as YAML.
+"""Interface definitions in the form of a bag: the .msg text with all nested types, the type hash, and QoS as YAML.
 
-All of it is read from the ament share directories (``share/<package>/msg/<Type>.msg`` and ``.json``), where both a ROS
-installation and the wheels have them.
+They are read from the ament share directories (``share/<package>/msg/<Type>.msg`` and ``.json``), which both a ROS
+installation and the wheels have.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 class SchemaError(LookupError):
-    """A message type whose definition is not installed; says where it was looked for."""
+    """The definition of a message type is not installed; the message names the folders that were searched."""
 
 
 def share_file(package: str, name: str) -> Path:
@@ -32,7 +32,7 @@ def share_file(package: str, name: str) -> Path:
     Raises
     ------
     SchemaError
-        Where no prefix has it.
+        Where no installation prefix has it.
     """
     prefixes = [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if entry]
     prefixes.append(Path(sys.prefix))
@@ -54,7 +54,7 @@ def _split(type_name: str) -> tuple[str, str]:
 
 
 def _nested(package: str, text: str) -> list[str]:
-    """Return the types that a .msg text names, in order, as package/Type."""
+    """Return the types of the fields in a .msg text that are messages themselves, in order, as package/Type."""
     found = []
     for line in text.splitlines():
         field = line.partition("#")[0].split()
@@ -69,7 +69,7 @@ def _nested(package: str, text: str) -> list[str]:
 
 @lru_cache
 def definition(type_name: str) -> str:
-    """Return the ros2msg schema of ``package/msg/Type``: its .msg file, then those of the types it nests.
+    """Return the ros2msg schema of ``package/msg/Type``: its .msg file, then those of all nested types.
 
     Raises
     ------
@@ -78,22 +78,22 @@ def definition(type_name: str) -> str:
     """
     package, name = _split(type_name)
     text = share_file(package, f"msg/{name}.msg").read_text()
-    parts, waiting, seen = [text], _nested(package, text), {f"{package}/{name}"}
-    while waiting:
-        nested = waiting.pop(0)
+    parts, pending, seen = [text], _nested(package, text), {f"{package}/{name}"}
+    while pending:
+        nested = pending.pop(0)
         if nested in seen:
             continue
         seen.add(nested)
         package, name = _split(nested)
         text = share_file(package, f"msg/{name}.msg").read_text()
         parts.append(f"{_SEPARATOR}\nMSG: {nested}\n{text}")
-        waiting += _nested(package, text)
+        pending += _nested(package, text)
     return "\n".join(part.rstrip("\n") for part in parts) + "\n"
 
 
 @lru_cache
 def type_hash(type_name: str) -> str:
-    """Return the RIHS01 hash of ``package/msg/Type``, by which ROS tells whether two ends mean the same type.
+    """Return the RIHS01 hash of ``package/msg/Type``, by which ROS compares the types of two nodes.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def type_hash(type_name: str) -> str:
 
 
 def qos_lines(qos: Qos) -> list[str]:
-    """Return a QoS profile as the lines of a YAML list item, the way rosbag2 of Jazzy writes it."""
+    """Return a QoS profile as lines of a YAML list item, as rosbag2 of Jazzy writes it."""
 
     def duration(name: str) -> list[str]:
         return [f"  {name}:"] + [f"    {unit}: {value}" for unit, value in _FOREVER.items()]

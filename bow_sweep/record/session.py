@@ -1,7 +1,8 @@
-"""One run being recorded: what may enter the bag, what is answered, and when. No ROS: bytes in, receipts out.
+"""One run being recorded: which messages enter the bag, and which receipts answer them. No ROS: bytes in, receipts out.
 
-A receipt is written into the same chunk of the file as what it confirms, before it is published: either both are in the
-bag or neither is. When all of a block is in the file, it is seen on the disk, and another receipt says so.
+A receipt is written into the same chunk of the file as the messages that it confirms, before it is published: either
+both are in the bag or neither is. When a whole block is in the file, the file is synced to the disk, and another
+receipt confirms that.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError, BagWriter
-from bow_sweep.record.deduplication import Answer, Inventory
+from bow_sweep.record.bag_contents import RunIdentity
+from bow_sweep.record.deduplication import Answer, StoredMessages
 from bow_sweep.record.disk import DiskSync
 from bow_sweep.record.inspection import Inspection
 from bow_sweep.record.notes import HOW, note
@@ -31,18 +33,17 @@ from bow_sweep.record.topics import STORED_ONCE, TOPICS, Topic
 from bow_sweep.run.lock import locked
 
 COMMIT_BYTES = 4 << 20
-"""Bytes after which a chunk of the file is written."""
+"""A chunk of the file is written when it has this many bytes."""
 
 COMMIT_S = 0.02
-"""Seconds after which what has come is written, however little it is."""
-
+"""Messages are written after this many seconds, however few they are."""
 
 RUN_OF = {"inspect": "BridgeForce", "basin_map": "BasinMap", "blocks": "Block"}
-"""Topics whose messages say of which run they are, and the names :mod:`bow_sim.protocol.cdr` has for them."""
+"""Topic -> message type, as :mod:`bow_sim.protocol.cdr` names it, of other messages that state their run."""
 
 
 class AlreadyClosedError(BagError):
-    """Nothing is to be done: the bag ends with this very plan."""
+    """The bag ends with this very plan: there is nothing to record."""
 
 
 class Session:
@@ -51,7 +52,7 @@ class Session:
     Parameters
     ----------
     directory
-        Run directory; made if need be, locked as long as the session lasts.
+        Run directory; created if it is missing, and locked as long as the session lasts.
     plan, data
         The Plan that opens it, decoded and as bytes.
     names
@@ -61,14 +62,29 @@ class Session:
     now
         Nanoseconds since 1970.
     sync
-        Say of a block that it is stored only when it is on the disk; without, when it is in the file.
+        Confirm a block only when it is on the disk; otherwise, when it is in the file.
     lock
-        Keep other recorders off the directory; without, where its file system has no locks.
+        Lock the directory; not possible on file systems without locks.
+
+    Attributes
+    ----------
+    stored
+        The stream messages and verdicts in the bag.
+    messages, bytes
+        Recorded in this session.
+    ignored
+        Number of messages that are not of this run or cannot be decoded.
+    complaints
+        What is wrong with ignored or contradicting messages -> how often that came.
+    senders
+        (topic, incarnation) of the messages taken; the caller clears it.
+    report
+        Of the repair of the bag, see :func:`bow_sweep.record.recover.recover`.
 
     Raises
     ------
     ParameterError
-        Where the plan is not one that can be run.
+        Where the plan cannot be run.
     BagError
         Where the bag is of another run, or the plan closes what was closed before (AlreadyClosedError).
     LockError
@@ -91,13 +107,12 @@ class Session:
     ) -> None:
         self.directory = directory
         self.expected = SweepOutline.of(plan)
-        self.inventory = Inventory()
+        self.stored = StoredMessages()
         self.names = dict(names)
         self.incarnation = incarnation
         self.messages = self.bytes = self.ignored = 0
         self.complaints: Counter[str] = Counter()
         self.senders: set[tuple[str, str]] = set()
-        """Topic and incarnation of whose messages were taken; clear it when you have looked."""
         self.last_plan: dict[str, Any] = {}
         self._answers: list[Answer] = []
         self._whole: dict[int, int] = {}  # block -> attempt that completed it, since the last commit
@@ -107,10 +122,10 @@ class Session:
             directory.mkdir(parents=True, exist_ok=True)
             sync_directory(directory.parent)
             stack.enter_context(locked(directory, "recorder", lock))
-            identity = self.expected.run_id, self.expected.sweep_id
+            identity = RunIdentity(self.expected.run_id, self.expected.sweep_id)
             self.report, found = repair(directory / FOLDER, identity, resuming=True)
             self.last_plan = found.survey.plan
-            if self.closed and plan["epoch"] <= self.last_plan["epoch"]:  # a finished run goes on in a new epoch only
+            if self.closed and plan["epoch"] <= self.last_plan["epoch"]:  # only a new epoch reopens a finished run
                 raise AlreadyClosedError(f"{directory / FOLDER} is closed")
             self._restore(found, sync)
             topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
@@ -125,35 +140,39 @@ class Session:
             self._stack = stack.pop_all()
 
     def _restore(self, found: Inspection, sync: bool) -> None:
-        """Take what is in the bag already into the inventory, once it is on the disk."""
+        """Take in the messages that are in the bag already, after a sync; answer for complete blocks."""
         survey = found.survey
         for file in survey.files if sync else ():
             with open(self.directory / FOLDER / file.name, "rb") as stream:
                 os.fdatasync(stream.fileno())
         for topic, places in survey.places.items():
-            self.inventory.restore(topic, {key: place.checksum for key, place in places.items()})
-        self.inventory.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
+            self.stored.restore(topic, {key: place.checksum for key, place in places.items()})
+        self.stored.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
         self._on_disk = {block: attempt for block, attempt in survey.attempts.items() if self._is_whole(block)}
-        unsaid = [block for block in self._on_disk if (ReceiptKind.BLOCK, block, 0) not in survey.receipts]
-        self._answers = [Answer(ReceiptKind.BLOCK, n, 0, self._on_disk[n], 0) for n in sorted(unsaid)]
+        unanswered = [block for block in self._on_disk if (ReceiptKind.BLOCK, block, 0) not in survey.receipts]
+        self._answer_blocks({block: self._on_disk[block] for block in sorted(unanswered)})
 
     def _is_whole(self, block: int) -> bool:
-        return self.inventory.count(block) == len(STORED_ONCE) * self.expected.chunks
+        return self.stored.count(block) == len(STORED_ONCE) * self.expected.chunks
+
+    def _answer_blocks(self, attempts: Mapping[int, int]) -> None:
+        """Confirm in the next receipt that blocks are on the disk."""
+        self._answers += [Answer(ReceiptKind.BLOCK, block, 0, attempt, 0) for block, attempt in attempts.items()]
 
     @property
     def closed(self) -> bool:
-        """Whether the latest plan says that nothing more will come."""
+        """Whether the latest plan states that no more messages will come."""
         return bool(self.last_plan.get("state") == PlanState.CLOSED)
 
     @property
     def full(self) -> bool:
-        """Whether enough has come to write it at once."""
+        """Whether so much is pending that it should be committed at once."""
         return self.bag.pending >= COMMIT_BYTES
 
-    # ---- what comes in
+    # ---- messages in
 
     def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
-        """Take in a plan of this run; a closing one is kept back, to be the last message of the bag."""
+        """Take in a plan of this run. A closing one is kept until the end: it is the last message of the bag."""
         try:
             self.expected = self.expected.grown(plan["rounds"])
         except ParameterError as error:
@@ -186,48 +205,48 @@ class Session:
         self.bag.add(self.names[topic], data, now)
 
     def _once(self, topic: str, data: bytes) -> bool:
-        """Check and answer a message that is stored once; return whether it is to be stored."""
+        """Check and answer a message that is stored once; return whether it has to be stored."""
         values = self.expected.unseal(STORED_ONCE[topic], data)
         self.senders.add((topic, values["incarnation"]))
         block, chunk, attempt, checksum = (values[name] for name in ("block", "chunk", "attempt", "checksum"))
-        known = self.inventory.checksum(topic, block, chunk)
+        known = self.stored.checksum(topic, block, chunk)
         if known not in (None, checksum):
             self.complaints[
                 f"{topic}: block {block}, chunk {chunk}, attempt {attempt} has checksum "
                 f"{checksum:016x}, stored is {known:016x}"
             ] += 1
-        new, answer = self.inventory.take(topic, block, chunk, attempt, checksum)
+        new, answer = self.stored.take(topic, block, chunk, attempt, checksum)
         if answer is not None:
             self._answers.append(answer)
             if block in self._on_disk and chunk == self.expected.chunks - 1:
-                self._answers.append(Answer(ReceiptKind.BLOCK, block, 0, attempt, 0))
+                self._answer_blocks({block: attempt})
         if new and self._is_whole(block):
             self._whole[block] = attempt
         return new
 
     def _is_of_run(self, topic: str, data: bytes) -> bool:
-        """Return whether a message says something of this run; one without cells only shows that messages arrive."""
+        """Return whether a message of this run has contents; one without cells only shows that messages arrive."""
         name = RUN_OF[topic]
         values = cdr.unseal(name, data) if cdr.is_sealed(name) else cdr.decode(name, data)
         if (values["run_id"], values["sweep_id"]) != (self.expected.run_id, self.expected.sweep_id):
             raise cdr.WireError(f"run {values['run_id']!r}: this is run {self.expected.run_id}")
         return name != "Block" or len(values["cells"]) > 0
 
-    # ---- what goes out
+    # ---- receipts out
 
     def commit(self, now: int) -> bytes | None:
-        """Write what has come to the file; return the receipt to publish, if any.
+        """Write the pending messages to the file; return the receipt to publish, if any.
 
         Raises
         ------
         OSError
-            Where the disk does not take it; the session is over then, the bag holds what was committed before.
+            Where they cannot be written. The session is over then; the bag holds all commits before.
         """
         message = None
         whole, self._whole = self._whole, {}
         on_disk = whole if self._disk is None else self._disk.done()
         self._on_disk.update(on_disk)
-        self._answers += [Answer(ReceiptKind.BLOCK, block, 0, attempt, 0) for block, attempt in on_disk.items()]
+        self._answer_blocks(on_disk)
         if self._answers:
             message = self._receipt(self._answers)
             self._answers = []
@@ -237,14 +256,13 @@ class Session:
             self._disk.ask(whole)
         return message
 
-    def say_again(self) -> None:
-        """Answer again for blocks on the disk that the plan still calls outstanding: a receipt may have got lost."""
+    def repeat_receipts(self) -> None:
+        """Confirm again the blocks on the disk that are outstanding in the plan: a receipt may have been lost."""
         outstanding = np.flatnonzero(np.asarray(self.last_plan["block_states"]) == 0).tolist()
-        again = {block: self._on_disk[block] for block in outstanding if block in self._on_disk}
-        self._answers += [Answer(ReceiptKind.BLOCK, block, 0, attempt, 0) for block, attempt in again.items()]
+        self._answer_blocks({block: self._on_disk[block] for block in outstanding if block in self._on_disk})
 
     def empty_receipt(self) -> bytes:
-        """Return a receipt for nothing: it shows that receipts arrive, and is not recorded."""
+        """Return a receipt without entries: it only shows that receipts arrive, and is not recorded."""
         return self._receipt([])
 
     def _receipt(self, answers: list[Answer]) -> bytes:
@@ -252,7 +270,7 @@ class Session:
         return cdr.encode("Receipt", {**run, **{name: [getattr(a, name) for a in answers] for name in Answer._fields}})
 
     def close(self, now: int) -> bytes | None:
-        """Commit, finish the file, give up the lock; return the last receipt.
+        """Commit, finish the file, release the lock; return the last receipt.
 
         Raises
         ------
@@ -275,18 +293,18 @@ class Session:
         return message
 
     def abandon(self) -> None:
-        """Close the file as it is and give up the lock."""
+        """Close the file without finishing it, and release the lock."""
         self._stack.close()
 
 
 def _why(report: Mapping[str, Any]) -> str:
-    """Return why messages are missing, for the note on it."""
+    """Return the reason why messages are missing, for the record that lists them."""
     parts = [f"{file['file']}: {file['did']} ({file['why'] or file['was']})" for file in report["files"]]
     return "; ".join(part for part in parts if ": keep" not in part) or "a file was taken out, or exchanged"
 
 
 def log_name(data: bytes) -> str:
-    """Return the logger's name of an rcl_interfaces/msg/Log, "" where there is none to read."""
+    """Return the logger's name of an rcl_interfaces/msg/Log; "" where it cannot be read."""
     try:
         (length,) = struct.unpack_from("<I", data, 16)  # after encapsulation, stamp and level
         return bytes(data[20 : 19 + length]).decode()

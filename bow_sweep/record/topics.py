@@ -1,4 +1,4 @@
-"""What is recorded: the topics of a run's graph, their types, and the quality of service they are offered with."""
+"""The recorded topics of a run's graph: their types, and the quality of service that the bag offers them with."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Qos(NamedTuple):
-    """Quality of service in rosbag2's words."""
+    """Quality of service, with the names that rosbag2 uses."""
 
     history: str
     depth: int
@@ -15,7 +15,7 @@ class Qos(NamedTuple):
 
 
 STREAM = Qos("keep_all", 0, "reliable", "volatile")
-"""What a bag asks for when it is played: nothing is dropped. Live streams keep the last 16, as credit bounds them."""
+"""Of a bag that is played: no message is dropped. Live streams keep the last 16, because credit limits them."""
 
 LATCHED = Qos("keep_last", 1, "reliable", "transient_local")
 INSPECT = Qos("keep_last", 3, "best_effort", "volatile")
@@ -24,7 +24,7 @@ LOGS = Qos("keep_last", 1000, "reliable", "transient_local")
 
 
 class Topic(NamedTuple):
-    """A topic by its name relative to the run's namespace; one that starts with a slash is global."""
+    """A topic. Its name is relative to the run's namespace; a name that starts with a slash is global."""
 
     name: str
     type: str
@@ -48,15 +48,14 @@ TOPICS: dict[str, Topic] = {
         Topic("/rosout", "rcl_interfaces/msg/Log", LOGS),
     )
 }
-"""Everything on the graph, by name."""
+"""Name -> topic, for all topics of the graph."""
 
 STORED_ONCE = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
-"""Topics whose messages have an identity, of which the bag holds each once, and the names that
-:mod:`bow_sim.protocol.cdr` has."""
+"""Topic -> message type, as :mod:`bow_sim.protocol.cdr` names it, of messages with an identity: each is stored once."""
 
 
 def short_name(topic: str) -> str:
-    """Return the key of `TOPICS` for the full name a bag gives; "" where it is none of them."""
+    """Return the key of `TOPICS` for the full name of a topic in a bag; "" where it is another topic."""
     if topic in TOPICS:
         return topic
     return next((name for name in TOPICS if topic.endswith("/" + name)), "")

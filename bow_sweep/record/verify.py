@@ -1,6 +1,6 @@
-"""Accounts for a run: every cell, chunk, sample and checksum of its bag, and its verdicts derived again.
+"""Checks a run: every cell, chunk, sample and checksum of its bag, and its verdicts, which are computed again.
 
-The recorded streams are the ground: verdicts, receipts, plan, map and ledger are held against them.
+The recorded streams are the reference: verdicts, receipts, plan, map and ledger are compared with them.
 """
 
 from __future__ import annotations
@@ -19,39 +19,37 @@ from bow_sweep.plan.adaptive import next_round, within_budget
 from bow_sweep.record.bag import FOLDER, BagError, bag_of
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
-from bow_sweep.record.replay import differing, rejudge, task_of
-from bow_sweep.record.verify_files import Beside, transient_lengths
+from bow_sweep.record.replay import SCAN_SHARE, classify_block, differing, task_of
+from bow_sweep.record.verify_files import FileChecks, transient_lengths
 
 RECEIPTS_BLOCKS = 2
-"""Version of the record from which on a block is receipted as a whole."""
-
-SCAN_SHARE = 0.4
-"""Part of the work that is reading the bag; judging is the rest."""
+"""From this version of the record on, complete blocks have a receipt of their own."""
 
 
 def verify(
-    run_directory: Path, progress: Progress | None = None, judge: bool = True, index: bool = False
+    run_directory: Path, progress: Progress | None = None, classify: bool = True, index: bool = False
 ) -> dict[str, Any]:
-    """Account for everything in a run's bag.
+    """Check everything in a run's bag.
 
     Parameters
     ----------
     run_directory
-        Of the run; or a bag alone, and then there is no map or ledger to hold against it.
+        Of the run; or a bag alone: then there is no map or ledger to compare with it.
     progress
         Called with (done, total).
-    judge
-        Derive the verdicts again.
+    classify
+        Compute the verdicts again.
     index
-        Find the messages by the index of the files and believe the checksums that they carry, instead of reading all.
+        Find the messages by the index of the files and trust their checksums, instead of reading every byte.
 
     Returns
     -------
     dict
-        For JSON. ``ok``: everything holds. ``cells``, ``chunks``, ``samples``: complete and accounted for, each once;
-        ``*_planned`` what they should be together with ``cells_quarantined``. ``verdicts_equal``: of the ``chunks``,
-        how many verdicts were derived again byte for byte. ``quarantined_blocks`` are named, and are no problem here:
-        the sweep said so. ``problems``: dicts with ``what``, ``run`` and where: ``block``, ``chunk``, ``file`` ...
+        For JSON. ``ok``: there is no problem. ``cells``, ``chunks``, ``samples``: complete, each counted once;
+        ``*_planned``: planned, which includes ``cells_quarantined``. ``verdicts_equal``: the number of ``chunks`` whose
+        verdicts were computed again with the same bytes. ``quarantined_blocks``: listed, and no problem, because the
+        sweep has reported them. ``problems``: dicts with ``what``, ``run`` and the place: ``block``, ``chunk``,
+        ``file`` ...
     """
     began = time.monotonic()
     try:
@@ -60,15 +58,15 @@ def verify(
         survey = Survey(Path(run_directory))
         survey.problem(str(error))
     else:
-        survey.read(progress, SCAN_SHARE if judge else 1.0)
-    return {**account(survey, Path(run_directory), judge, progress), "seconds": round(time.monotonic() - began, 2)}
+        survey.read(progress, SCAN_SHARE if classify else 1.0)
+    return {**account(survey, Path(run_directory), classify, progress), "seconds": round(time.monotonic() - began, 2)}
 
 
-def account(survey: Survey, run_directory: Path, judge: bool, progress: Progress | None = None) -> dict[str, Any]:
-    """Hold what was found in a bag against its plan, itself, and what lies beside it; see :func:`verify`."""
+def account(survey: Survey, run_directory: Path, classify: bool, progress: Progress | None = None) -> dict[str, Any]:
+    """Check what was found in a bag against its plan, itself, and the files beside it; see :func:`verify`."""
     result: dict[str, Any] = {"ok": False, "directory": str(run_directory)}
     if survey.expected is not None and survey.plan:
-        result |= _Accounts(survey, survey.expected).all(run_directory, progress, judge)
+        result |= _Accounts(survey, survey.expected).all(run_directory, progress, classify)
     elif survey.files:
         survey.problem("the bag holds no plan", file=FOLDER)
     return {
@@ -82,7 +80,7 @@ def account(survey: Survey, run_directory: Path, judge: bool, progress: Progress
 
 
 class _Accounts:
-    """Holds what a survey found against the plan and against itself."""
+    """Checks the contents of a bag against its plan and against each other."""
 
     def __init__(self, survey: Survey, expected: SweepOutline) -> None:
         self.survey, self.expected, self.problem = survey, expected, survey.problem
@@ -94,7 +92,7 @@ class _Accounts:
         self.complete = np.zeros(expected.blocks, bool)
         self.equal = 0
 
-    def all(self, run_directory: Path, progress: Progress | None, judge: bool) -> dict[str, Any]:
+    def all(self, run_directory: Path, progress: Progress | None, classify: bool) -> dict[str, Any]:
         """Check everything; return the counts."""
         expected, survey = self.expected, self.survey
         if survey.plan["state"] != PlanState.CLOSED:
@@ -102,8 +100,8 @@ class _Accounts:
         for block in range(expected.blocks):
             self._block(block)
         self._receipts()
-        if judge:
-            self._judge(progress)
+        if classify:
+            self._classify(progress)
         done = expected.planned.cells_of(np.flatnonzero(self.complete))
         self._rounds(done)
         sizes = np.array([expected.planned.size(block) for block in range(expected.blocks)])
@@ -125,13 +123,13 @@ class _Accounts:
             "quarantined_blocks": np.flatnonzero(quarantined).tolist(),
             "notes": self.notes,
         }
-        Beside(run_directory, survey, expected, self.states, done, counts).check()
+        FileChecks(run_directory, survey, expected, self.states, done, counts).check()
         return counts
 
     # ---- every chunk once
 
     def _block(self, block: int) -> None:
-        """Every chunk of a block is there, with its verdicts on the very bytes that are stored."""
+        """Check that every chunk of a block is stored, with verdicts on exactly these streams."""
         survey, state = self.survey, self.states[block]
         if state == BlockState.QUARANTINED:
             return
@@ -157,7 +155,10 @@ class _Accounts:
     # ---- receipts
 
     def _receipts(self) -> None:
-        """What is stored was receipted, with its checksum; nothing else was, but for what is noted as missing."""
+        """Check that all stored chunks and verdicts have a receipt, and that everything receipted is stored.
+
+        Not stored are also messages that a file lists as missing.
+        """
         survey = self.survey
         keys = survey.places["bridge_force"].keys() | survey.verdicts.keys()
         for key in sorted(keys):
@@ -169,8 +170,8 @@ class _Accounts:
             for kind, checksum in stored.items():
                 receipted = survey.receipts.get((kind, *key), set())
                 if checksum is not None and receipted != {checksum}:
-                    said = ", ".join(f"{c:016x}" for c in sorted(receipted)) or "nothing"
-                    what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {said}"
+                    found = ", ".join(f"{c:016x}" for c in sorted(receipted)) or "nothing"
+                    what = f"{_KINDS[kind]} stored as {checksum:016x}, receipted {found}"
                     self.problem(what, block=key[0], chunk=key[1])
         for kind, block, chunk in sorted(survey.receipts):
             there: dict[int, bool] = {
@@ -184,36 +185,36 @@ class _Accounts:
         if survey.version >= RECEIPTS_BLOCKS:
             for block in np.flatnonzero(self.complete).tolist():
                 if (ReceiptKind.BLOCK, block, 0) not in survey.receipts:
-                    self.problem("nothing says that it came to the disk", block=block)
+                    self.problem("no receipt states that it is on the disk", block=block)
 
-    # ---- the verdicts again
+    # ---- verdicts
 
-    def _judge(self, progress: Progress | None) -> None:
-        """Derive the verdicts of all complete and begun blocks again from the recorded streams."""
+    def _classify(self, progress: Progress | None) -> None:
+        """Compute the verdicts of all blocks again from the recorded streams, and compare them."""
         survey = self.survey
         try:
             task = task_of(survey)
         except ParameterError as error:
-            self.problem(f"the plan cannot be judged: {error}")
+            self.problem(f"the plan cannot be classified: {error}")
             return
         if task.thresholds.hash != survey.plan["classifier"]:
             self.notes.append(
-                f"judged by classifier {survey.plan['classifier']}, here is {task.thresholds.hash}: the numbers of the "
+                f"classified with {survey.plan['classifier']}, here is {task.thresholds.hash}: the numbers of the "
                 "verdicts are compared, their hash is not"
             )
         with Chunks() as chunks:
             for block in range(task.outline.blocks):
                 if self.states[block] != BlockState.QUARANTINED:
-                    self._judge_block(task, block, chunks)
+                    self._classify_block(task, block, chunks)
                 if progress is not None:
                     progress(SCAN_SHARE * task.outline.blocks + (1 - SCAN_SHARE) * (block + 1), task.outline.blocks)
 
-    def _judge_block(self, task: Any, block: int, chunks: Chunks) -> None:
+    def _classify_block(self, task: Any, block: int, chunks: Chunks) -> None:
         try:
-            for key, again in rejudge(self.survey, task, block, chunks):
+            for key, again in classify_block(self.survey, task, block, chunks):
                 known = self.survey.verdicts.get(key)
                 if known is None:
-                    continue  # said before
+                    continue  # reported before
                 names = differing(known.layers, again)
                 self.equal += not names
                 if names:
@@ -225,7 +226,7 @@ class _Accounts:
     # ---- the rounds of an adaptive sweep
 
     def _rounds(self, done: np.ndarray) -> None:
-        """Note where the rounds of an adaptive sweep are not what the verdicts before them ask for, here and now."""
+        """Note where a round of an adaptive sweep differs from the one that the verdicts before it give here."""
         expected, planned = self.expected, self.expected.planned
         if not planned.adaptive:
             return

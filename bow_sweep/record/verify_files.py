@@ -1,4 +1,4 @@
-"""What lies beside a bag, held against it: map.npz, report.json and ledger.jsonl say what the recorded verdicts say."""
+"""Checks map.npz, report.json and ledger.jsonl of a run directory against the plan and the verdicts in its bag."""
 
 from __future__ import annotations
 
@@ -26,37 +26,43 @@ if TYPE_CHECKING:
     from bow_sweep.record.bag_contents import Survey
 
 MOST_SHOWN = 200
-"""Characters of a value that a problem quotes."""
+"""Longest text of a value in a problem, characters."""
 
 ALIKE = 1e-9
-"""Relative difference of two measures that are the same: other versions of a library may add in another order."""
+"""Relative difference up to which two measures are equal: versions of a library may add in different order."""
 
 _TESTED = {*TESTS, *HISTORY, *DERIVED}
-"""Arrays of the map that say something of unfinished cells too, whatever was known of them."""
+"""Arrays of the map that may have values for cells that are not done; these values are not checked."""
 
 _EVENTS = {"done": BlockState.DONE, "quarantined": BlockState.QUARANTINED, "reopened": 0}
 _STATES = {0: "outstanding", BlockState.DONE: "done", BlockState.QUARANTINED: "quarantined"}
 
 
 def transient_lengths(passed: np.ndarray) -> np.ndarray:
-    """Return the transient lengths, (cells,) float32 periods, 0 = never, from which tests passed, (tests, cells)."""
+    """Return the transient lengths, (cells,) float32 periods, 0 = never.
+
+    Parameters
+    ----------
+    passed
+        (tests, cells) bool: whether the tests found Helmholtz motion.
+    """
     return np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Holds the files of a run directory against its bag; what does not agree goes to the survey's problems.
+class FileChecks:
+    """Checks the files of a run directory against its bag; differences become problems of the survey.
 
     Attributes
     ----------
     directory
-        Of the run. A file that is not there is no problem: the bag alone is the record.
+        Of the run. A missing file is no problem: the bag is the record.
     states
-        Of the blocks, as the last plan in the bag says.
+        States of the blocks in the last plan of the bag.
     done
-        (cells,) bool: in blocks that are done, with every chunk there.
+        (cells,) bool: whether the block of a cell is done and all its chunks are in the bag.
     counts
-        What :func:`bow_sweep.record.verify.verify` counted in the bag.
+        Numbers that :func:`bow_sweep.record.verify.verify` counted in the bag.
     """
 
     directory: Path
@@ -67,7 +73,7 @@ class Beside:
     counts: Mapping[str, Any]
 
     def check(self) -> None:
-        """Look at every file."""
+        """Check every file."""
         ledger, arrays, report = (self.directory / name for name in (LEDGER, MAP, REPORT))
         if ledger.is_file():
             self._ledger(ledger)
@@ -83,7 +89,7 @@ class Beside:
         self.survey.problem(what, file=path.name, **({} if block is None else {"block": block}))
 
     def _plan(self, *names: str) -> dict[str, Any]:
-        """Return what the plan says, under the names that ledger and report have for it."""
+        """Return fields of the plan, by the names that ledger and report have for them."""
         spec = {name: self.survey.plan[f"spec.{name}"] for name in ("preset", "settings")}
         everything = {**self.survey.plan, **spec}
         return {name: everything[name] for name in ("run_id", "sweep_id", "preset", "settings", "fingerprint", *names)}
@@ -91,9 +97,9 @@ class Beside:
     # ---- the map
 
     def _map(self) -> MapFile:
-        """Return the map that the verdicts in the bag make; grey is what is not done, whatever is known of it.
+        """Return the map of the verdicts in the bag; cells that are not done have no transient length.
 
-        It does without the coordinator's :class:`~bow_sweep.maps.basin_map.Basin`, so that an error there would show.
+        It does not use :class:`~bow_sweep.maps.basin_map.Basin` as the coordinator does, so that it finds errors there.
         """
         expected, layers = self.expected, self.survey.layers()
         plan = self._plan()
@@ -120,7 +126,7 @@ class Beside:
         )
 
     def _arrays(self, path: Path, result: MapFile) -> None:
-        """Every array of map.npz is what it should be; of what is tested, where the cells are done."""
+        """Check every array of map.npz; those of `_TESTED` only where the cells are done."""
         try:
             given = read_arrays(path)
         except (OSError, ValueError) as error:
@@ -128,34 +134,34 @@ class Beside:
             return
         for name, right in map_arrays(result).items():
             if name not in given:
-                if name not in HISTORY:  # maps of old have none
+                if name not in HISTORY:  # older maps do not have them
                     self._problem(path, f"holds no {name}")
                 continue
-            its = given[name]
-            if (its.dtype, its.shape) != (right.dtype, right.shape):
-                what = f"{name} is {its.dtype} {its.shape}, should be {right.dtype} {right.shape}"
+            found = given[name]
+            if (found.dtype, found.shape) != (right.dtype, right.shape):
+                what = f"{name} is {found.dtype} {found.shape}, should be {right.dtype} {right.shape}"
                 self._problem(path, what)
                 continue
-            unlike = right != its
+            differs = right != found
             if right.dtype.kind == "f":
-                unlike &= ~(np.isnan(right) & np.isnan(its))
+                differs &= ~(np.isnan(right) & np.isnan(found))
             if right.ndim < 2:
-                if unlike.any():
-                    self._problem(path, f"{name} is not what the plan says")
+                if differs.any():
+                    self._problem(path, f"{name} differs from the plan")
                 continue
-            unlike = unlike.reshape(-1, self.expected.cells)
+            differs = differs.reshape(-1, self.expected.cells)
             if name in _TESTED:
-                unlike[:, ~self.done] = False
-            if unlike.any():
-                cell = int(np.flatnonzero(unlike.any(axis=0))[0])
-                what = f"{name} is not what the verdicts say, in {int(unlike.sum())} places, first at cell {cell}"
+                differs[:, ~self.done] = False
+            if differs.any():
+                cell = int(np.flatnonzero(differs.any(axis=0))[0])
+                what = f"{name} differs from the verdicts in {int(differs.sum())} places, first at cell {cell}"
                 blocks = (n for n in range(self.expected.blocks) if cell in self.expected.block(n))
                 self._problem(path, what, next(blocks, None))
 
     # ---- the report
 
     def _report(self, path: Path, result: MapFile) -> None:
-        """report.json says of plan, accounts and map what the bag says; of times and machine only it knows."""
+        """Check what report.json has of plan, cells and map; times and machine are not in the bag."""
         try:
             given = dict(json.loads(path.read_bytes()))
         except (ValueError, TypeError, RecursionError) as error:
@@ -174,20 +180,20 @@ class Beside:
             "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
             "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
         }
-        if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which only it knows
+        if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which are not in the bag
             given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
         for name, value in json.loads(json.dumps(right)).items():
             if name not in given:
                 self._problem(path, f"holds no {name}")
-            elif not _alike(given[name], value):
-                self._problem(path, f"{name} is {_short(given[name])}, the bag says {_short(value)}")
+            elif not _equal(given[name], value):
+                self._problem(path, f"{name} is {_short(given[name])}, in the bag it is {_short(value)}")
 
     # ---- the ledger
 
     def _ledger(self, path: Path) -> None:
-        """ledger.jsonl begins with the plan in the bag, and names the same blocks as done and quarantined."""
+        """Check that ledger.jsonl begins with the plan in the bag and has the same blocks done and quarantined."""
         states: dict[int, int] = {}
-        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # a crash may have cut off the last one
+        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the last may be incomplete
             try:
                 entry = json.loads(line)
                 event, block = str(entry.get("event")), entry.get("block")
@@ -199,25 +205,25 @@ class Beside:
             if event == "planned":
                 for name, value in self._plan().items():
                     if entry.get(name) != value:
-                        self._problem(path, f"{name} is {_short(entry.get(name))}, the bag says {_short(value)}")
+                        self._problem(path, f"{name} is {_short(entry.get(name))}, in the bag it is {_short(value)}")
             if isinstance(block, int):
                 states[block] = _EVENTS.get(event, states.get(block, 0))
         for block in range(self.expected.blocks):
             if states.get(block, 0) != self.states[block]:
-                said, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
-                self._problem(path, f"the ledger says {said}, the plan in the bag {planned}", block)
+                state, planned = _STATES[states.get(block, 0)], _STATES.get(self.states[block], "unknown")
+                self._problem(path, f"is {state} in the ledger, {planned} in the plan of the bag", block)
 
 
-def _alike(one: Any, other: Any) -> bool:
-    """Whether two values out of JSON are the same, measures but for the last digits."""
+def _equal(one: Any, other: Any) -> bool:
+    """Return whether two values from JSON are equal, numbers up to `ALIKE`."""
     if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_alike(one[name], other[name]) for name in one)
+        return one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one)
     if isinstance(one, float) and isinstance(other, float):
         return math.isclose(one, other, rel_tol=ALIKE)
     return type(one) is type(other) and bool(one == other)
 
 
 def _short(value: Any) -> str:
-    """Return a value for people, cut off where it is long."""
+    """Return a value as text, shortened to `MOST_SHOWN`."""
     text = json.dumps(value)
     return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."

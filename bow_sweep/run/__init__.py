@@ -1,9 +1,10 @@
 """A run on disk: its directory, its ledger, its lock.
 
-ledger         who has which block and what is acknowledged: a pure state machine
-ledger_events  what the ledger takes in, and what it answers
+ledger         which simulator has which block, and what is acknowledged: a pure state machine
+ledger_events  the events of the ledger, and its instructions
 ledger_file    the ledger on disk, ledger.jsonl
 lock           file locks of a run directory
 directory      the directory of a run: ledger, report
 campaign       several sweeps as one
+errors         RunError
 """

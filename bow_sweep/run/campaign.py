@@ -1,4 +1,4 @@
-"""Several sweeps as one: which, where, and the report on all of them. A campaign is a file in config/campaigns."""
+"""Several sweeps run as one, with one report. A campaign is a file in config/campaigns."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import REPORT, RunError
 
 FILE = "campaign.json"
-"""What a campaign's directory is known by: its name and the settings over its presets."""
+"""File in the directory of a campaign, with its name and the settings over its presets."""
 
 OF_A_RUN = (
     "run_id",
@@ -29,23 +29,23 @@ OF_A_RUN = (
     "playability",
     "wall_seconds",
 )
-"""What a campaign's report repeats of every run's; the run's own has the rest."""
+"""Entries of each run's report that the report of the campaign repeats."""
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """Sweeps that belong together.
+    """Several sweeps that belong together.
 
     Attributes
     ----------
     name, title
         Of the campaign.
     presets
-        Of its sweeps; each has its run directory by this name.
+        Of its sweeps; the run directory of each has the name of its preset.
     settings
         "name=value" over every preset.
     figure
-        The paper's figure that the maps make, 0 for none.
+        The figure of the paper that the maps make up; 0 for none.
     """
 
     name: str
@@ -60,23 +60,23 @@ class Campaign:
         Raises
         ------
         ParameterError
-            Where the settings do not suit one of them.
+            If the settings are not valid for one of them.
         """
         return {preset: Sweep.from_spec(preset, self.settings) for preset in self.presets}
 
     def begin(self, directory: Path) -> None:
-        """Write into its directory what this campaign is, for the day it must be resumed."""
+        """Write name and settings of this campaign to a file in its directory, so that it can be resumed."""
         with replacing(directory / FILE) as file:
             file.write(json.dumps({"campaign": self.name, "settings": list(self.settings)}).encode() + b"\n")
 
     @classmethod
     def of(cls, name: str, settings: Iterable[str] = ()) -> Campaign:
-        """Return the campaign in config/campaigns, with settings over its presets.
+        """Return a campaign of config/campaigns, with settings over its presets.
 
         Raises
         ------
         ParameterError
-            Where there is none of this name.
+            If there is none of this name.
         """
         if name not in campaigns():  # a name from a list, never a path
             raise ParameterError(f"campaign {name!r}: no such campaign; one of {', '.join(campaigns())}")
@@ -90,7 +90,7 @@ class Campaign:
         Raises
         ------
         RunError
-            Where its file cannot be read.
+            If its file cannot be read.
         """
         path = directory / FILE
         try:
@@ -101,7 +101,7 @@ class Campaign:
 
 
 def campaigns() -> dict[str, str]:
-    """Return {name: title} of the campaigns there are, sorted."""
+    """Return {name: title} of all campaigns, sorted by name."""
     files = sorted(_directory().glob("*.yaml"))
     return {path.stem: str(yaml.safe_load(path.read_text())["title"]) for path in files}
 
@@ -114,7 +114,7 @@ def _directory() -> Path:
 
 
 def report(directory: Path, campaign: Campaign) -> dict[str, Any]:
-    """Write the report on all runs of a finished campaign and return it."""
+    """Write the report on all runs of a finished campaign and return it, see `OF_A_RUN`."""
     runs: dict[str, Mapping[str, Any]] = {
         preset: json.loads((directory / preset / REPORT).read_text()) for preset in campaign.presets
     }

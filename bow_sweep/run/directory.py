@@ -1,4 +1,4 @@
-"""A run directory: its lock, its ledger file, its report. Everything lands whole or not at all."""
+"""A run directory: its lock, its ledger file, its report. Each file is either complete or not there."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run import ledger_file
+from bow_sweep.run.errors import RunError
 from bow_sweep.run.ledger import Ledger, State
-from bow_sweep.run.ledger_file import LEDGER, LedgerError, latest_states, set_ledger_aside
-from bow_sweep.run.lock import LockError, take
+from bow_sweep.run.ledger_file import LEDGER, latest_states, read_ledger, set_ledger_aside
+from bow_sweep.run.lock import take
 
 REPORT, PICTURE = "report.json", "map.png"
 VERSIONS_OF = (
@@ -41,48 +42,30 @@ VERSIONS_OF = (
 )
 
 
-class RunError(Exception):
-    """A run directory cannot be used as asked; the message says which, why, and what would be right."""
-
-
-def lock(directory: Path, role: str) -> int:
-    """Lock a run directory for a role, see :func:`bow_sweep.run.lock.take`; return the file descriptor.
-
-    Raises
-    ------
-    RunError
-        Where the lock cannot be taken.
-    """
-    try:
-        return take(directory, role)
-    except LockError as error:
-        raise RunError(str(error)) from None
-
-
-def read_ledger(directory: Path) -> list[dict[str, Any]]:
-    """Return the entries of a run's ledger; see :func:`bow_sweep.run.ledger_file.read_ledger`.
-
-    Raises
-    ------
-    RunError
-        Where there is no ledger, or a line before the last is damaged.
-    """
-    try:
-        return ledger_file.read_ledger(directory)
-    except LedgerError as error:
-        raise RunError(str(error)) from None
-
-
 def is_finished(directory: Path, entries: list[dict[str, Any]]) -> bool:
-    """Return whether every block of a run is settled and its report written."""
+    """Return whether every block of a run is done or quarantined and its report is written."""
     settled = [state for state in latest_states(entries).values() if state != "reopened"]
     return len(settled) == max(entry.get("blocks", 0) for entry in entries) and (directory / REPORT).exists()
 
 
 class Run:
-    """One run on disk, held by its coordinator. Make it with :meth:`create` or :meth:`resume`.
+    """One run on disk, as its coordinator has it. Make it with :meth:`create` or :meth:`resume`.
 
-    Without `locked` nobody is kept off the directory: for file systems that have no locks.
+    Parameters
+    ----------
+    locked
+        Lock the directory; False for file systems that have no locks.
+    first
+        Entries of a new ledger; empty if there is a ledger already.
+
+    Attributes
+    ----------
+    blocks
+        The blocks as far as they are planned; an adaptive sweep adds some with each round.
+    ledger
+        The state of each block.
+    quarantined
+        Quarantined block -> reason.
     """
 
     def __init__(
@@ -96,8 +79,8 @@ class Run:
         first: Sequence[Mapping[str, Any]] = (),
     ) -> None:
         self.directory, self.run_id, self.sweep, self.blocks, self.ledger = directory, run_id, sweep, blocks, ledger
-        self._lock = lock(directory, "coordinator") if locked else -1
-        if first:  # whole or not at all: a ledger without its plan would say nothing
+        self._lock = take(directory, "coordinator") if locked else -1
+        if first:  # written at once: a ledger that a crash cuts off in its plan could not be read
             at = round(time.time(), 3)
             ledger_file.write_ledger(directory, [{**entry, "at": at} for entry in first])
         self._file = open(directory / LEDGER, "ab")  # noqa: SIM115  # open as long as the run
@@ -106,12 +89,12 @@ class Run:
 
     @classmethod
     def create(cls, directory: Path, run_id: str, sweep: Sweep, locked: bool = True) -> Run:
-        """Begin a run in a directory that is new, or holds at most what its supervisor and recorder put there.
+        """Create a run in a new directory; files of its supervisor and recorder may be there already.
 
         Raises
         ------
         RunError
-            Where the directory holds a run already or cannot be written.
+            If the directory holds a run already or cannot be written.
         """
         try:
             directory.mkdir(parents=True, exist_ok=True)
@@ -127,14 +110,14 @@ class Run:
 
     @classmethod
     def resume(cls, directory: Path, locked: bool = True) -> Run:
-        """Go on with a run that was cut off, as its ledger has it.
+        """Resume an interrupted run from its ledger.
 
-        What the bag has is in :mod:`bow_sweep.coordinator.resume`.
+        :mod:`bow_sweep.coordinator.resume` compares ledger and bag before.
 
         Raises
         ------
         RunError
-            Where there is none, or this machine's kernel would not give the same bytes.
+            If there is no run, or this machine's kernel would not give the same bytes.
         """
         entries = read_ledger(directory)
         plan = entries[0]
@@ -154,7 +137,7 @@ class Run:
         return run
 
     def record(self, entries: Iterable[Mapping[str, Any]]) -> None:
-        """Append entries to the ledger file and see them on disk."""
+        """Append entries to the ledger file and sync it to the disk."""
         at = round(time.time(), 3)
         lines = ledger_file.lines_of({**entry, "at": at} for entry in entries)
         if lines:
@@ -163,7 +146,7 @@ class Run:
             os.fsync(self._file.fileno())
 
     def next_round(self, basin: Basin) -> bool:
-        """Plan another round of an adaptive sweep, all blocks being settled; return whether there is one."""
+        """Plan the next round of an adaptive sweep, once all blocks are settled; return whether there is one."""
         more = self.sweep.more_blocks(self.blocks, np.where(self.done(), basin.transient_periods, np.nan))
         if more is not None:
             self.record([round_entry(more)])
@@ -175,7 +158,10 @@ class Run:
         return self.blocks.cells_of(n for n, block in enumerate(self.ledger.blocks) if block.state is State.DONE)
 
     def transient_periods(self, basin: Basin) -> np.ndarray:
-        """Return the map as it is left, (ny, nx): NaN where not done, predicted where an adaptive sweep does not go."""
+        """Return the final transient lengths, (ny, nx) periods.
+
+        NaN: not done; cells that an adaptive sweep does not simulate are predicted.
+        """
         shape = (basin.ny, basin.nx)
         length = np.where(self.done(), basin.transient_periods, np.float32(np.nan)).reshape(shape)
         return np.where(self.blocks.planned.reshape(shape), length, fill(length)) if self.blocks.adaptive else length
@@ -196,7 +182,17 @@ class Run:
         }
 
     def report(self, basin: Basin, wall_seconds: float, extra: Mapping[str, Any]) -> dict[str, Any]:
-        """Write report.json and return what it says."""
+        """Write report.json and return its content.
+
+        Parameters
+        ----------
+        basin
+            The map.
+        wall_seconds
+            Duration of the run.
+        extra
+            More entries.
+        """
         report = {
             "run_id": self.run_id,
             "sweep_id": self.sweep.sweep_id,
@@ -224,26 +220,26 @@ class Run:
         return report
 
     def close(self) -> None:
-        """Give up the lock and the ledger file."""
+        """Close the ledger file and release the lock."""
         self._file.close()
         if self._lock >= 0:
             os.close(self._lock)
 
 
 def digest(path: Path) -> str | None:
-    """Return the XXH3-64 of a file, 16 hexadecimal digits; None where there is none."""
+    """Return the XXH3-64 of a file, 16 hexadecimal digits; None if there is no such file."""
     return xxhash.xxh3_64_hexdigest(path.read_bytes()) if path.is_file() else None
 
 
 def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, Any]:
-    """Return what a report says of a map.
+    """Return the entries of a report that follow from the map.
 
     Parameters
     ----------
     transient_periods
-        (ny, nx) as the map is left: NaN where not done, predicted where an adaptive sweep does not go.
+        (ny, nx), see :meth:`Run.transient_periods`.
     regimes
-        (cells that are done,) codes at the last test.
+        (cells that are done,) codes at the latest test.
     """
     length = np.nan_to_num(transient_periods)
     counts = np.bincount(regimes, minlength=len(REGIMES))[: len(REGIMES)]
@@ -276,7 +272,7 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
     Raises
     ------
     RunError
-        Where it describes none, or this machine's kernel would not give the same bytes.
+        If it describes none, or this machine's kernel would not give the same bytes.
     """
     try:
         sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
@@ -300,12 +296,12 @@ def round_entry(blocks: Blocks) -> dict[str, Any]:
 
 
 def blocks_of(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
-    """Return the blocks of a recorded run; one cut off before its first round was recorded begins with it.
+    """Return the blocks of a recorded run; those of the first round if none is recorded yet.
 
     Raises
     ------
     ValueError
-        Where its rounds are none of this sweep.
+        If its rounds cannot be of this sweep.
     """
     rounds = [np.array(entry["cells"], np.int64) for entry in entries if entry.get("event") == "round"]
     if not rounds:
@@ -317,7 +313,7 @@ def blocks_of(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
 
 
 def _cut_torn_line(directory: Path) -> None:
-    """Drop what a crash left after the last newline, so that the next entry begins a line."""
+    """Cut off what a crash left after the last newline, so that the next entry begins a new line."""
     path = directory / LEDGER
     content = path.read_bytes()
     whole = content.rfind(b"\n") + 1

@@ -1,12 +1,12 @@
-"""Who has which block and what is acknowledged: a pure state machine, events in, instructions out.
+"""Which simulator has which block, and what is acknowledged: a pure state machine, events in, instructions out.
 
-A block is *due* (to be handed out), *out* (handed to a simulator, not yet done), *done* or *quarantined*. Done means:
-for every chunk the recorder has receipted the streams and the verdicts, the classifier judged the very bytes that were
-recorded, and the recorder has seen all of it on the disk. planned = done + quarantined + outstanding holds after every
-event, outstanding being due + out.
+A block is *due* (to be sent), *dispatched* (sent to a simulator, not yet done), *done* or *quarantined* (given up).
+Done means: for every chunk the recorder has receipted the streams and the verdicts, the classifier has judged the bytes
+that were recorded, and all of the block is on the disk. After every event, planned = done + quarantined + outstanding,
+where outstanding = due + dispatched.
 
-The machine knows no clock and no file: events carry the time in seconds, and what must be on disk before the next
-instruction is carried out leaves as a :class:`Record`. `resume` builds the machine again from such records.
+The machine has no clock and no file: the time is passed in, and an entry that must be on the disk before the next
+instruction is returned as a :class:`Record`. :meth:`Ledger.resume` builds the machine again from such entries.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from bow_sweep.run.ledger_events import (
     ConsumerRestarted,
@@ -34,45 +34,27 @@ from bow_sweep.run.ledger_events import (
     SimulatorReady,
     State,
     Tick,
-    receipted,
 )
 
-__all__ = [
-    "ConsumerRestarted",
-    "Dispatch",
-    "Event",
-    "Finished",
-    "Grown",
-    "Instruction",
-    "Judged",
-    "Ledger",
-    "NewEpoch",
-    "OnDisk",
-    "Receipted",
-    "Record",
-    "Refused",
-    "Settled",
-    "SimulatorLost",
-    "SimulatorReady",
-    "State",
-    "Tick",
-    "receipted",
-]
-
 SUSPECT_CRASHES = 2
-"""A block that was being computed when this many simulators died runs alone from then on."""
+"""A block during which this many simulators crashed is sent only to simulators that hold no other block."""
 
 POISON_CRASHES = 3
-"""A block that was the only one in a simulator's hands in this many crashes is quarantined."""
+"""A block that was the only one in flight at a simulator in this many crashes is quarantined."""
 
 MAX_IN_FLIGHT = 2
-"""Blocks a simulator holds at most: one being computed, one waiting, so that it never idles."""
+"""Blocks that a simulator holds at most: one being computed, one waiting, so that it is never idle."""
 
 DISK_S = 300.0
-"""A block of which everything is answered but that it is on the disk may wait so long for a slow one."""
+"""Seconds that a block may wait for a slow disk when all its chunks are acknowledged."""
 
 STALE_S = 6.0
-"""A block whose simulator has finished or gone, and whose answers do not arrive for this long, is handed out again."""
+"""Seconds without an acknowledgement after which a block is due again that no simulator holds any more."""
+
+
+class _Checksums(NamedTuple):
+    streams: int
+    verdicts: int
 
 
 @dataclass
@@ -84,26 +66,26 @@ class _Block:
     touched: float = 0.0
     on_disk: bool = False
     streams: dict[int, int] = field(default_factory=dict)
-    judged: dict[int, tuple[int, int]] = field(default_factory=dict)
+    judged: dict[int, _Checksums] = field(default_factory=dict)
     verdicts: dict[int, int] = field(default_factory=dict)
 
     @property
     def suspect(self) -> bool:
         return self.crashes >= SUSPECT_CRASHES
 
-    def forget(self) -> None:
+    def discard_answers(self) -> None:
         for answers in (self.streams, self.judged, self.verdicts):
             answers.clear()
         self.on_disk = False
 
     def contradiction(self, chunk: int) -> str:
-        """Return what about a chunk does not agree, or ""."""
+        """Return which checksums of a chunk differ, or ""."""
         judged = self.judged.get(chunk)
         if judged is None:
             return ""
         for what, receipt, verdict in (
-            ("streams", self.streams.get(chunk), judged[0]),
-            ("verdicts", self.verdicts.get(chunk), judged[1]),
+            ("streams", self.streams.get(chunk), judged.streams),
+            ("verdicts", self.verdicts.get(chunk), judged.verdicts),
         ):
             if receipt is not None and receipt != verdict:
                 return f"chunk {chunk}: {what} recorded as {receipt:016x}, judged as {verdict:016x}"
@@ -116,7 +98,16 @@ class Ledger:
     Parameters
     ----------
     blocks, chunks
-        How many the sweep has so far, and how many chunks each block has.
+        How many blocks the sweep has so far, and how many chunks each block has.
+
+    Attributes
+    ----------
+    epoch
+        Number of the latest (re)start of coordinator, recorder or classifier, from 1.
+    blocks
+        State of each block.
+    in_flight
+        Simulator -> the blocks that it holds, the one being computed first.
     """
 
     def __init__(self, blocks: int, chunks: int) -> None:
@@ -131,7 +122,7 @@ class Ledger:
 
     @classmethod
     def resume(cls, blocks: int, chunks: int, entries: Iterable[Mapping[str, Any]]) -> Ledger:
-        """Return the ledger of a run that was cut off, in a new epoch, from its recorded entries."""
+        """Return the ledger of an interrupted run, in a new epoch, from its recorded entries."""
         ledger = cls(blocks, chunks)
         for entry in entries:
             ledger.epoch = max(ledger.epoch, int(entry.get("epoch", 1)))
@@ -162,7 +153,7 @@ class Ledger:
         return sum(block.state is state for block in self.blocks)
 
     def is_quarantined(self, number: int) -> bool:
-        """Whether there is such a block, and it is given up."""
+        """Return whether there is such a block and it is quarantined."""
         return number < len(self.blocks) and self.blocks[number].state is State.QUARANTINED
 
     @property
@@ -173,7 +164,7 @@ class Ledger:
     # ---- changing
 
     def handle(self, event: Event, now: float) -> list[Instruction]:
-        """Take in what happened at `now` (seconds, any origin) and return what to do, in order."""
+        """Take in an event at `now` (seconds, any origin) and return what to do, in order."""
         out: list[Instruction] = []
         match event:
             case SimulatorReady(simulator):
@@ -181,19 +172,19 @@ class Ledger:
             case SimulatorLost(simulator, why, blame):
                 self._lose(simulator, why, blame, now, out)
             case Finished(simulator, number, attempt):
-                self._leave(simulator, number, attempt)
+                self._remove_in_flight(simulator, number, attempt)
                 if self._is_dispatched(number, attempt):
                     self.blocks[number].touched = now
             case Refused(simulator, number, attempt, why):
-                self._leave(simulator, number, attempt)
+                self._remove_in_flight(simulator, number, attempt)
                 if self._is_dispatched(number, attempt):
                     self._make_due(number, why, out)
             case ConsumerRestarted(role):
                 self._restart(role, out)
             case Judged(number, chunk, chunk_checksum, checksum):
                 if self._concerns(number, chunk):
-                    known = self.blocks[number].judged.setdefault(chunk, (chunk_checksum, checksum))
-                    differs = known != (chunk_checksum, checksum)
+                    checksums = _Checksums(chunk_checksum, checksum)
+                    differs = self.blocks[number].judged.setdefault(chunk, checksums) != checksums
                     self._answered(number, chunk, differs, now, out)
             case Receipted(number, chunk, checksum, verdicts):
                 if self._concerns(number, chunk):
@@ -222,8 +213,8 @@ class Ledger:
         block = self.blocks[number]
         return block.state is State.DISPATCHED and block.attempt == attempt
 
-    def _leave(self, simulator: str, number: int, attempt: int) -> None:
-        """Take a block out of a hand; the late end of an older attempt does not take the newer one with it."""
+    def _remove_in_flight(self, simulator: str, number: int, attempt: int) -> None:
+        """Remove a block from a simulator's in-flight list, unless the report is for an older attempt."""
         if number in self.in_flight.get(simulator, ()) and self.blocks[number].attempt == attempt:
             self.in_flight[simulator].remove(number)
 
@@ -239,7 +230,7 @@ class Ledger:
             self._due.remove(number)
             heapq.heapify(self._due)
         block.state = state
-        block.forget()
+        block.discard_answers()
         self._open.discard(number)
         entry = {"event": state.value, "block": number, "attempt": block.attempt}
         out.append(Record({**entry, "why": why} if why else entry))
@@ -258,11 +249,12 @@ class Ledger:
         return len(block.streams) == len(block.judged) == len(block.verdicts) == self.chunks
 
     def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
-        hand = [number for number in self.in_flight.pop(simulator, []) if self.blocks[number].state is State.DISPATCHED]
-        for place, number in enumerate(hand):  # what is done was computed, only its result is still under way
+        # A block may be done while the report that the simulator has finished it is still on its way: it is left out.
+        lost = [number for number in self.in_flight.pop(simulator, []) if self.blocks[number].state is State.DISPATCHED]
+        for place, number in enumerate(lost):
             block = self.blocks[number]
             if blame and place == 0:  # only the block being computed is suspect
-                alone = len(hand) == 1
+                alone = len(lost) == 1
                 block.crashes += 1
                 block.crashes_alone += alone
                 out.append(
@@ -277,16 +269,16 @@ class Ledger:
     def _restart(self, role: str, out: list[Instruction]) -> None:
         self.epoch += 1
         out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch}))
-        for hand in self.in_flight.values():
-            hand.clear()
+        for held in self.in_flight.values():
+            held.clear()
         for number in sorted(self._open):
-            self.blocks[number].forget()
+            self.blocks[number].discard_answers()
             if self.blocks[number].state is State.DISPATCHED:
                 self._make_due(number, f"{role} restarted", out)
         out.append(NewEpoch(self.epoch))
 
     def _expire(self, now: float, out: list[Instruction]) -> None:
-        held = {number for hand in self.in_flight.values() for number in hand}
+        held = {number for blocks in self.in_flight.values() for number in blocks}
         for number in sorted(self._open - held):
             block = self.blocks[number]
             patience = DISK_S if self._all_answered(block) else STALE_S
@@ -294,19 +286,19 @@ class Ledger:
                 self._make_due(number, f"no answer for {patience:g} s", out)
 
     def _dispatch_due(self, now: float, out: list[Instruction]) -> None:
-        """Give due blocks to the emptiest hands; a suspect block waits for an empty hand and keeps it to itself."""
-        put_back = []
+        """Send due blocks to the simulators with fewest in flight; a suspect block goes to one that has no other."""
+        postponed = []
         while self._due:
             number = heapq.heappop(self._due)
             block = self.blocks[number]
-            room = 1 if block.suspect else MAX_IN_FLIGHT
+            most = 1 if block.suspect else MAX_IN_FLIGHT
             free = [
-                (len(hand), name)
-                for name, hand in self.in_flight.items()
-                if len(hand) < room and not any(self.blocks[n].suspect for n in hand)
+                (len(held), name)
+                for name, held in self.in_flight.items()
+                if len(held) < most and not any(self.blocks[n].suspect for n in held)
             ]
             if not free:
-                put_back.append(number)
+                postponed.append(number)
                 if not block.suspect:
                     break
                 continue
@@ -317,5 +309,5 @@ class Ledger:
             entry = {"event": "dispatched", "block": number, "attempt": block.attempt, "epoch": self.epoch}
             out.append(Record({**entry, "simulator": simulator}))
             out.append(Dispatch(number, block.attempt, simulator))
-        for number in put_back:
+        for number in postponed:
             heapq.heappush(self._due, number)

@@ -1,4 +1,4 @@
-"""What the ledger hears and what it answers: events, which carry the time in seconds, and instructions."""
+"""The events that the ledger takes in, and the instructions that it answers with."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bow_sim.protocol.states import ReceiptKind
 
 
 class State(Enum):
-    """Where a block is."""
+    """What has become of a block."""
 
     DUE = "due"
     DISPATCHED = "dispatched"
@@ -24,14 +24,14 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class SimulatorReady:
-    """A simulator takes goals (again)."""
+    """A simulator takes blocks, for the first time or again."""
 
     simulator: str
 
 
 @dataclass(frozen=True)
 class SimulatorLost:
-    """A simulator is gone. `blame` is False where we stopped it ourselves: then no block is suspect."""
+    """A simulator takes no more blocks; `blame`: the block that it was computing may be the cause."""
 
     simulator: str
     why: str
@@ -40,7 +40,7 @@ class SimulatorLost:
 
 @dataclass(frozen=True)
 class Finished:
-    """A simulator has published all of a block."""
+    """A simulator has published all messages of a block."""
 
     simulator: str
     block: int
@@ -49,7 +49,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Refused:
-    """A simulator rejected, cancelled or aborted a goal."""
+    """A simulator does not compute a block that was sent to it."""
 
     simulator: str
     block: int
@@ -59,14 +59,14 @@ class Refused:
 
 @dataclass(frozen=True)
 class ConsumerRestarted:
-    """The recorder or the classifier has a new incarnation: what it has not finished must be sent again."""
+    """The recorder or the classifier has a new incarnation: unfinished blocks must be sent again."""
 
     role: str
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The classifier's verdicts on a chunk arrived."""
+    """The classifier's verdicts on a chunk have arrived; `chunk_checksum` is that of the streams it judged."""
 
     block: int
     chunk: int
@@ -76,7 +76,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Receipted:
-    """The recorder has a chunk's streams (`verdicts` False) or the verdicts on it (True) in its file."""
+    """The recorder has written a chunk's streams (`verdicts` False) or the verdicts on it (True) to its file."""
 
     block: int
     chunk: int
@@ -86,14 +86,14 @@ class Receipted:
 
 @dataclass(frozen=True)
 class OnDisk:
-    """The recorder has seen all of a block, streams and verdicts, on the disk."""
+    """All of a block, streams and verdicts, has been synced to the disk."""
 
     block: int
 
 
 @dataclass(frozen=True)
 class Grown:
-    """The plan has more blocks now, `blocks` in all: an adaptive sweep goes on."""
+    """Another round of an adaptive sweep is planned: there are `blocks` in all now."""
 
     blocks: int
 
@@ -109,10 +109,10 @@ Event = (
 
 
 def receipted(kind: int, block: int, chunk: int, checksum: int) -> Event:
-    """Return the event that an entry of a receipt is, `kind` as the message has it."""
-    return (
-        OnDisk(block) if kind == ReceiptKind.BLOCK else Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS)
-    )
+    """Return the event for one entry of a Receipt; `kind` is a ReceiptKind."""
+    if kind == ReceiptKind.BLOCK:
+        return OnDisk(block)
+    return Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS)
 
 
 # ---- instructions, to be carried out in order
@@ -120,7 +120,7 @@ def receipted(kind: int, block: int, chunk: int, checksum: int) -> Event:
 
 @dataclass(frozen=True)
 class Record:
-    """Append to the ledger file and see it on disk before going on."""
+    """Append an entry to the ledger's file and sync it to the disk before the next instruction."""
 
     entry: Mapping[str, Any]
 
@@ -136,7 +136,7 @@ class Dispatch:
 
 @dataclass(frozen=True)
 class NewEpoch:
-    """Tell everybody that goals of older epochs are void."""
+    """Announce a new epoch: blocks sent in an older one are void."""
 
     epoch: int
 

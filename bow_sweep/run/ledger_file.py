@@ -1,4 +1,4 @@
-"""The ledger on disk, ``ledger.jsonl``: one entry a line, the plan first; read strictly, or as far as that goes."""
+"""The ledger on disk, ``ledger.jsonl``: one entry in each line, the plan first; read strictly, or leniently."""
 
 from __future__ import annotations
 
@@ -12,16 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.atomic_files import replacing, sync_directory
+from bow_sweep.run.errors import RunError
 
 LEDGER = "ledger.jsonl"
 TORN = f"{LEDGER}.torn"
-"""What a ledger with lines that are no entries is set aside as; with a number where that exists."""
+"""Name of the copy of a ledger that is repaired; a number is added if there is one already."""
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
-
-
-class LedgerError(Exception):
-    """A ledger that cannot be read; the message says which, where and why."""
 
 
 _NEEDS = {
@@ -33,7 +30,7 @@ _NEEDS = {
     "quarantined": ("block",),
     "reopened": ("block",),
 }
-"""What an entry that counts must say."""
+"""Event -> the fields that its entry must have."""
 
 _TEXTS = ("event", "run_id", "sweep_id", "preset", "fingerprint", "why", "simulator", "role")
 _NUMBERS = ("block", "attempt", "epoch", "blocks", "chunks", "cells", "round")
@@ -41,7 +38,7 @@ _IDENTIFIERS = ("run_id", "sweep_id")
 
 
 def check_entry(entry: Any) -> None:
-    """Raise ValueError where an entry of a ledger, read from its file, is none."""
+    """Raise ValueError if a value read from a ledger's file is not an entry."""
     if not isinstance(entry, dict):
         raise ValueError("not an object")
     for name in _NEEDS.get(str(entry.get("event")), ()):
@@ -68,33 +65,33 @@ def check_entry(entry: Any) -> None:
 
 
 def _entry(line: bytes) -> dict[str, Any]:
-    """Return the entry in a line; raises ValueError or RecursionError where it is none."""
+    """Return the entry in a line; raises ValueError or RecursionError if it is not one."""
     entry: dict[str, Any] = json.loads(line.decode())
     check_entry(entry)
     return entry
 
 
 def read_ledger(directory: Path) -> list[dict[str, Any]]:
-    """Return the entries of a run's ledger; a last line cut off by a crash is no entry.
+    """Return the entries of a run's ledger; a last line that a crash cut off is left out.
 
     Raises
     ------
-    LedgerError
-        Where there is no ledger, or a line before the last is damaged.
+    RunError
+        If there is no ledger, or a line before the last is damaged.
     """
     path = directory / LEDGER
     try:
         lines = path.read_bytes().split(b"\n")
     except OSError as error:
-        raise LedgerError(f"{path}: {error.strerror}; a run directory of `bow sweep` holds one") from None
+        raise RunError(f"{path}: {error.strerror}; a run directory of `bow sweep` holds one") from None
     entries = []
     for number, line in enumerate(lines[:-1], 1):  # what follows the last newline was being written
         try:
             entries.append(_entry(line))
         except (ValueError, RecursionError) as error:
-            raise LedgerError(f"{path}, line {number}: not a ledger entry: {error}") from None
+            raise RunError(f"{path}, line {number}: not a ledger entry: {error}") from None
     if not entries or entries[0].get("event") != "planned":
-        raise LedgerError(f"{path}: does not begin with the plan of a run")
+        raise RunError(f"{path}: does not begin with the plan of a run")
     return entries
 
 
@@ -105,11 +102,11 @@ class Reading:
     Attributes
     ----------
     entries
-        In order; the first is the plan, unless that is what is lost.
+        In order; the first is the plan, unless that is lost.
     bad
-        Numbers of the lines that are no entries; the last may be half of one.
+        Numbers of the lines that are not entries, from 1; the last may be cut off.
     exists
-        Whether there is such a file.
+        Whether there is a ledger.
     """
 
     entries: list[dict[str, Any]]
@@ -118,14 +115,14 @@ class Reading:
 
     @property
     def planned(self) -> bool:
-        """Whether the plan is there."""
+        """Whether the entries begin with the plan."""
         return bool(self.entries) and self.entries[0].get("event") == "planned"
 
 
 def read_leniently(directory: Path) -> Reading:
-    """Return the entries of a run's ledger, whatever has happened to it: lines that are none are left out.
+    """Return the entries of a run's ledger, leaving out lines that are not entries.
 
-    What is left out can cause work to be done again, never a wrong map: a run goes on from what its bag has.
+    A lost entry can cause work to be repeated, never a wrong map: a run is resumed from what is in its bag.
     """
     try:
         content = (directory / LEDGER).read_bytes()
@@ -140,21 +137,21 @@ def read_leniently(directory: Path) -> Reading:
             bad.append(number)
             continue
         if entries and entries[-1].get("event") == "planned" and len(entries) > 1:
-            del entries[-1]  # a plan is the first entry, or none
+            del entries[-1]  # a plan is valid only as the first entry
             bad.append(number)
     if content and not content.endswith(b"\n") and content.count(b"\n") + 1 not in bad:
-        bad.append(content.count(b"\n") + 1)  # whole, but the next entry would go on in its line
+        bad.append(content.count(b"\n") + 1)  # complete, but the next entry would be appended to its line
     return Reading(entries, bad, True)
 
 
 def latest_states(entries: Iterable[Mapping[str, Any]]) -> dict[int, str]:
-    """Return block -> "done", "quarantined" or "reopened", whichever of them was said last."""
+    """Return block -> "done", "quarantined" or "reopened", whichever event of these is its latest."""
     states = ("done", "quarantined", "reopened")
     return {entry["block"]: entry["event"] for entry in entries if entry.get("event") in states}
 
 
 def set_ledger_aside(directory: Path) -> Path:
-    """Copy a ledger to a file beside it, never over another; return where it is."""
+    """Copy a ledger to a new file beside it; return that file."""
     number, to = 0, directory / TORN
     while os.path.lexists(to):
         number += 1
@@ -172,6 +169,6 @@ def lines_of(entries: Iterable[Mapping[str, Any]]) -> bytes:
 
 
 def write_ledger(directory: Path, entries: Iterable[Mapping[str, Any]]) -> None:
-    """Put a ledger of these entries in the place of the one that is there, if any."""
+    """Write a ledger with these entries, replacing the one that is there, if any."""
     with replacing(directory / LEDGER) as file:
         file.write(lines_of(entries))

@@ -9,11 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from bow_sweep.run.errors import RunError
+
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
 """Error numbers of flock(2) on file systems that have no locks."""
 
 
-class LockError(Exception):
+class LockError(RunError):
     """A lock cannot be taken; the message states why, and what to do."""
 
 

@@ -1,4 +1,4 @@
-"""Where everything stands in the rerun viewer."""
+"""The layout of the views in the rerun viewer."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bow_sweep.view.decorations import Decorations
 from bow_sweep.view.scope import MARGIN, MOST, ROW, WIDTH, trace_name
 
 GROUND = (24, 26, 30)
-"""Behind maps: dark in both of the viewer's themes, as their labels are light."""
+"""Background of maps: dark in both themes of the viewer, because the labels are light."""
 
 TEST_TITLES = {
     "correlation": "Test 1: correlation of successive periods",
@@ -29,17 +29,18 @@ Simulators publish the bridge force of the cells named by their parameter `inspe
 
 
 def send(blueprint: rrb.Blueprint, application: str, record: rr.RecordingStream) -> None:
-    """Send a layout, as rerun's own ``send_blueprint`` does, and let go of it.
+    """Send a layout to a recording, and free its memory.
 
-    rerun (0.41) makes a recording in memory of it, which holds itself: 2 MB and two threads that stay, each time.
+    ``send_blueprint`` of rerun 0.41 makes a recording in memory that refers to itself, so that 2 MB and two threads
+    remain after each call.
     """
     native = rr.bindings.new_blueprint(application, make_default=False, make_thread_default=False)
-    aside = rr.RecordingStream._from_native(native)
-    aside.set_time("blueprint", sequence=0)
-    blueprint.to_blueprint()._log_to_stream(aside)
-    storage = aside.memory_recording().storage
+    stream = rr.RecordingStream._from_native(native)
+    stream.set_time("blueprint", sequence=0)
+    blueprint.to_blueprint()._log_to_stream(stream)
+    storage = stream.memory_recording().storage
     rr.bindings.send_blueprint(storage, True, True, recording=record.to_native())
-    aside.disconnect()
+    stream.disconnect()
 
 
 def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb.Blueprint:
@@ -48,9 +49,9 @@ def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb
     Parameters
     ----------
     decorations
-        What stands around each map, by entity path: its bounds are what a view shows at first.
+        Decorations of each map by entity path; a view shows their bounds at first.
     cells
-        Under inspection; there are rows for `MOST`.
+        The inspected cells; `MOST` of them have a row.
     """
     sweep = rrb.Horizontal(
         rrb.Vertical(

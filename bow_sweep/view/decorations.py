@@ -1,7 +1,7 @@
-"""What stands around a map in a viewer that draws no axes: frame, ticks, labels, scales, as plain arrays.
+"""Frame, ticks, labels and colour scale of a map, as plain arrays, for a viewer that does not draw them itself.
 
-Viewers of images count rows downwards: cell (ix, iy) covers x from ix to ix + 1 and y from ny - 1 - iy to ny - iy.
-Lengths outside the map are in units that follow its size, so that a small map gets the same decorations as a large one.
+Viewers count the rows of an image downwards: cell (ix, iy) covers x from ix to ix + 1 and y from ny - 1 - iy to
+ny - iy. Lengths outside the map are in a unit that follows its size, so that small and large maps look alike.
 """
 
 from __future__ import annotations
@@ -12,40 +12,42 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_colours, transient_colours, viridis
-from bow_sweep.maps.plane import TEST_RANGES, Plane, regime_label, terrain_label
+from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_legend, transient_colours, viridis
+from bow_sweep.maps.plane import TEST_RANGES, Plane, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
 
 MIN_BAR = 36.0
-"""A scale is at least so many units high, however flat the map."""
+"""Least height of a colour scale, units."""
 
 LABEL_RISE = 2.0
-"""A label beside a tick starts so many units above it: half its height in a window of the usual size."""
+"""Distance from a tick up to the upper edge of its label, units: half the height of a label in a usual window."""
 
 NICE_STEPS = (1, 2, 4, 10, 20, 40, 100, 200, 400, 1000, 2000, 10_000, 100_000, 1_000_000)
 
 
 @dataclass
 class Decorations:
-    """Lines, words and one coloured strip, in the coordinates of the map's image.
+    """Lines, labels and one coloured bar, in the coordinates of the image of the map.
 
     Attributes
     ----------
     lines
         Each (points, 2).
-    places, words
-        (labels, 2) and their texts, centred just below.
-    bar
-        (rows, columns, 4) uint8 with opacity; its top left corner is at `bar_corner`, a pixel is `bar_pixel` wide.
+    unit
+        Unit of lengths outside the map, cells.
     bounds
-        ((left, right), (top, bottom)) that show all of it.
+        ((left, right), (top, bottom)) of all of it.
+    places, labels
+        Points (x, y), and the texts whose upper edges are centred at them.
+    bar
+        (rows, columns, 4) uint8, with opacity. Its top left corner is at `bar_corner`; a pixel is `bar_pixel` wide.
     """
 
     unit: float
     bounds: tuple[tuple[float, float], tuple[float, float]]
     lines: list[np.ndarray] = field(default_factory=list)
     places: list[tuple[float, float]] = field(default_factory=list)
-    words: list[str] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
     bar: np.ndarray | None = None
     bar_corner: tuple[float, float] = (0.0, 0.0)
     bar_pixel: float = 1.0
@@ -54,20 +56,20 @@ class Decorations:
         """Add a line through points."""
         self.lines.append(np.array(points, np.float32))
 
-    def word(self, x: float, y: float, text: str) -> None:
-        """Add a text whose middle of the upper edge is at a point, as rerun places labels."""
+    def label(self, x: float, y: float, text: str) -> None:
+        """Add a text; the middle of its upper edge is at a point, as rerun places labels."""
         self.places.append((x, y))
-        self.words.append(text)
+        self.labels.append(text)
 
 
 def unit_of(plane: Plane) -> float:
-    """Return the length that is one cell on the paper's map of 128 by 64."""
+    """Return the unit of lengths outside the map, cells: one cell for the paper's map of 128 by 64."""
     ny, nx = plane.shape
     return max(nx / 128, ny / 64)
 
 
 def surroundings(plane: Plane) -> Decorations:
-    """Return frame, ticks and labels of a map, and room for a scale on its right."""
+    """Return frame, ticks and labels of a map, with space for a colour scale on the right."""
     ny, nx = plane.shape
     unit = unit_of(plane)
     made = Decorations(unit, ((-13 * unit, nx + 24 * unit), (-8 * unit, ny + 11 * unit)))
@@ -76,18 +78,18 @@ def surroundings(plane: Plane) -> Decorations:
     for tick in x.ticks():
         made.line((tick.position, ny), (tick.position, ny + (1.4 if tick.text else 0.7) * unit))
         if tick.text:
-            made.word(tick.position, ny + 1.4 * unit, tick.text)
+            made.label(tick.position, ny + 1.4 * unit, tick.text)
     for tick in y.ticks():
         made.line((0, ny - tick.position), (-(1.4 if tick.text else 0.7) * unit, ny - tick.position))
         if tick.text:
-            made.word(-4.4 * unit, ny - tick.position - LABEL_RISE * unit, tick.text)
-    made.word(nx / 2, ny + 5.2 * unit, x.title(mathematics=False, settings=plane.settings))
-    made.word(22 * unit, -5.6 * unit, y.title(mathematics=False, settings=plane.settings))
+            made.label(-4.4 * unit, ny - tick.position - LABEL_RISE * unit, tick.text)
+    made.label(nx / 2, ny + 5.2 * unit, x.title(mathematics=False, settings=plane.settings))
+    made.label(22 * unit, -5.6 * unit, y.title(mathematics=False, settings=plane.settings))
     return made
 
 
 def transient_decorations(plane: Plane) -> Decorations:
-    """Return what stands around the transient lengths: a bar in the colours of the map, black and grey below it."""
+    """Return the decorations of the transient lengths: a bar in the colours of the map, black and grey below it."""
     made = surroundings(plane)
     lengths = np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)[::-1]
     texts = _some([f"{length:g}" for length in lengths[::-1]])[::-1]
@@ -96,7 +98,7 @@ def transient_decorations(plane: Plane) -> Decorations:
 
 
 def layer_decorations(plane: Plane, name: str) -> Decorations:
-    """Return what stands around the results of one test."""
+    """Return the decorations of the results of a test."""
     made = surroundings(plane)
     low, high = TEST_RANGES[name]
     values = np.linspace(low, high, 41) if name == "correlation" else np.arange(low, high + 1)
@@ -110,17 +112,18 @@ def layer_decorations(plane: Plane, name: str) -> Decorations:
 
 
 def regime_decorations(plane: Plane) -> Decorations:
-    """Return what stands around the regimes: a strip of their colours with their names."""
+    """Return the decorations of the regimes: a bar of their colours with their names."""
     made = surroundings(plane)
     made.bounds = ((made.bounds[0][0], made.bounds[0][1] + 8 * made.unit), made.bounds[1])
-    colours = np.array([*regime_colours(plane.regime_names), GREY], np.uint8)
-    names = [*map(regime_label, plane.regime_names), "pending"]
-    _scale(made, plane, colours, names, "regime", extras=False, words_at=15.0)
+    legend = regime_legend(plane.regime_names)
+    colours = np.array([colour for _, _, colour in legend], np.uint8)
+    labels = [label for _, label, _ in legend]
+    _scale(made, plane, colours, labels, "regime", extras=False, words_at=15.0)
     return made
 
 
 def terrain_decorations(plane: Plane) -> Decorations:
-    """Return what stands around the terrain: a strip of its colours with their names."""
+    """Return the decorations of the terrain: a bar of its colours with their names."""
     made = surroundings(plane)
     made.bounds = ((made.bounds[0][0], made.bounds[0][1] + 8 * made.unit), made.bounds[1])
     colours = np.array([*TERRAIN_COLOURS, GREY], np.uint8)
@@ -130,7 +133,7 @@ def terrain_decorations(plane: Plane) -> Decorations:
 
 
 def _some(texts: list[str]) -> list[str]:
-    """Return the texts with so many of them blanked that at most six are left, at round places."""
+    """Return the texts with at most about six of them kept, at regular distances; the others are empty."""
     step = next(step for step in NICE_STEPS if len(texts) / step <= 6)
     return [text if (index + 1) % step == 0 or index == 0 else "" for index, text in enumerate(texts)]
 
@@ -145,7 +148,19 @@ def _scale(
     extras: bool,
     words_at: float = 11.0,
 ) -> None:
-    """Put a bar on the right, its first colour on top, a text beside each band; `extras`: black and grey below it."""
+    """Add a bar on the right, its first colour on top, with a text beside each band.
+
+    Parameters
+    ----------
+    colours
+        (bands, 3) uint8.
+    texts
+        One for each band; "" for none.
+    extras
+        Whether black and grey stand below the bar.
+    words_at
+        Distance of the middle of the texts from the bar, units.
+    """
     ny, nx = plane.shape
     unit = made.unit
     left, wide, pixel = nx + 4 * unit, 4 * unit, unit / 2
@@ -164,14 +179,14 @@ def _scale(
         first = round(top / pixel)
         picture[first : first + 8] = (*colour, 255)
         _outline(made, left, top, wide, 4 * unit)
-        made.word(left + words_at * unit, top + (2 - LABEL_RISE) * unit, word)
+        made.label(left + words_at * unit, top + (2 - LABEL_RISE) * unit, word)
     made.bar, made.bar_corner, made.bar_pixel = picture, (left, 0.0), pixel
     for index, text in enumerate(texts):
         if text:
             middle = (index + 0.5) * tall / len(colours)
             made.line((left + wide, middle), (left + wide + unit, middle))
-            made.word(left + words_at * unit, middle - LABEL_RISE * unit, text)
-    made.word(left + 7 * unit, -5.6 * unit, title)
+            made.label(left + words_at * unit, middle - LABEL_RISE * unit, text)
+    made.label(left + 7 * unit, -5.6 * unit, title)
 
 
 def _outline(made: Decorations, left: float, top: float, wide: float, tall: float) -> None:

@@ -1,7 +1,7 @@
-"""What every cell went through, as a rerun recording of a finished map: `python -m bow_sweep.view.history RUN`.
+"""Every test of every cell, as a rerun recording of a finished map: `python -m bow_sweep.view.history RUN`.
 
-The timeline `periods` steps through the tests: regime, correlation, period and confidence at each. Beside them stands
-what sums a history up: transient length, regressions, flattening at the end, the number that belongs to the regime.
+The timeline `periods` steps through the tests: regime, correlation, period and confidence at each. Beside them are four
+summaries: transient length, regressions, flattening at the last test, the number in the name of the regime.
 """
 
 from __future__ import annotations
@@ -13,10 +13,9 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.colours import GREY, HEADROOM, regime_colours
+from bow_sweep.figures.colours import HEADROOM, regime_legend
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz
-from bow_sweep.maps.plane import regime_label, upright
+from bow_sweep.maps.plane import upright
 from bow_sweep.view.blueprint import GROUND
 
 FILE = "history.rrd"
@@ -41,16 +40,13 @@ def write_history(path: Path, plane: MapFile) -> None:
     Raises
     ------
     MapFileError
-        For a map that kept no regimes: one from before there was a history.
+        For an older map, which does not have the regime of each test.
     """
     if plane.regimes is None or plane.confidence is None:
         raise MapFileError("the map keeps no regime of each test: it was made before maps had a history")
     record = rr.RecordingStream("bow_history", recording_id=plane.run_id or None)
     record.save(path)
-    names = [*plane.regime_names, "pending"]
-    codes = [*range(len(plane.regime_names)), PENDING]
-    colours = [*regime_colours(plane.regime_names), GREY]
-    legend = [(code, regime_label(name), (*c, 255)) for code, name, c in zip(codes, names, colours, strict=True)]
+    legend = [(code, label, (*colour, 255)) for code, label, colour in regime_legend(plane.regime_names)]
     record.log("steps/regime", rr.AnnotationContext(legend), static=True)
     flat = plane.flattening
     spread = float(np.nanmax(np.abs(flat), initial=1.0))
@@ -79,13 +75,13 @@ def write_history(path: Path, plane: MapFile) -> None:
 
 
 def _layer(grid: np.ndarray, scale: tuple[float, float]) -> rr.DepthImage:
-    """Return a layer whose values a viewer shows under the cursor."""
+    """Return a layer of numbers; the viewer shows the value under the cursor."""
     image = upright(np.asarray(grid, np.float32))
     return rr.DepthImage(image, meter=1.0, colormap="viridis", depth_range=scale, magnification_filter="nearest")
 
 
 def main() -> None:
-    """Write history.rrd beside the map of a run."""
+    """Write history.rrd into a run directory."""
     if len(sys.argv) != 2:
         raise SystemExit(f"usage: python -m bow_sweep.view.history RUN: writes RUN/{FILE}, to be opened with rerun")
     run = Path(sys.argv[1])

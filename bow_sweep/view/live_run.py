@@ -1,4 +1,4 @@
-"""One run on show: what of it is drawn when. Messages in as plain fields, pictures out; no ROS in here."""
+"""The dashboard of one run: what is drawn, and when. Takes the fields of messages and writes a recording; no ROS."""
 
 from __future__ import annotations
 
@@ -22,51 +22,51 @@ from bow_sweep.view.status_page import Node, is_complete, page, playability_page
 
 FILE = "dashboard.rrd"
 
-ACCOUNT_S = 1.0
-"""Accounts are written at most so often."""
+STATUS_S = 1.0
+"""Least time between two status pages."""
 
 BUSY_SHARE = 0.1
-"""Maps are drawn as they come, but in no more than this share of one core's time: a sweep should not feel it."""
+"""Largest share of the time of one core that is used to draw maps: the sweep should not become slower."""
 
 SOONEST_S, SPARSE_SHARE, SPARSE_S = 0.2, 0.01, 5.0
-"""Maps are at least so far apart. A long sweep gets one at every hundredth of its age, and one in five seconds at
-least: its file stays small."""
+"""Least time between two maps; in a long sweep it grows to this share of the time so far, up to `SPARSE_S`, so that the
+file stays small."""
 
 LAST_MAP_S, FIRST_MAP_S = 0.5, 3.0
-"""How long to wait after the plan closes for a map that holds all that is done: they come on separate topics. Longer
-where no map has come at all: we have only just started, and the coordinator's topics are found one by one."""
+"""Time to wait for a complete map after the plan has closed; they come on separate topics. It is longer where no map
+has come at all: the dashboard has just started, and DDS finds the topics of the coordinator one after the other."""
 
 IDENTITY = re.compile("[0-9a-f]{16}")
-"""A run_id, as Plan.msg has it. It names a directory: nothing else will do."""
+"""A run_id. It becomes the name of a directory, so nothing else is accepted."""
 
 
 class Show:
-    """Shows one run.
+    """Draws one run into a recording.
 
     Parameters
     ----------
     directory
-        Of the run; made if there is none.
+        Of the run; it is made if there is none.
     plan
-        The fields of the Plan that opened it.
+        The fields of the Plan that opened the run.
     port, server_memory
-        As of :class:`~bow_sweep.view.rerun_recording.Board`.
+        As for :class:`~bow_sweep.view.rerun_recording.Board`.
     warn
-        Takes what could not be done, for people.
+        Called with a line for people where something failed.
     clock
-        Seconds that only grow.
+        Returns seconds of a monotonic clock.
 
     Attributes
     ----------
     board
         The recording.
     drawn, ignored
-        Maps drawn; messages that were not this run's or made no sense.
+        Number of maps drawn; number of messages of other runs, or that were not valid.
 
     Raises
     ------
     ValueError
-        Where the plan makes no sense.
+        Where the plan cannot be run.
     OSError
         Where the directory or the file cannot be written.
     """
@@ -88,22 +88,22 @@ class Show:
         self._plan, self._clock, self._opened = plan, clock, clock()
         self._closing: float | None = None
         self._next: Snapshot | None = None
-        self._rest_until = self._told = 0.0
+        self._next_draw_at = self._status_at = 0.0
         self._cost = math.inf
         self.plan(plan)
 
     @property
     def run_id(self) -> str:
-        """Identity of the run."""
+        """Of the run."""
         return self._outline.run_id
 
     @property
     def epoch(self) -> int:
-        """Of the coordinator, at the latest plan."""
+        """Epoch of the coordinator, from the latest plan."""
         return int(self._plan["epoch"])
 
     def plan(self, plan: Mapping[str, Any]) -> None:
-        """Take in a plan of this run; one of an older epoch comes from a coordinator no longer in charge."""
+        """Take a Plan of this run; one with an older epoch comes from a coordinator that was replaced."""
         try:
             if plan["epoch"] < self.epoch:
                 raise ParameterError(f"epoch {self.epoch} is in charge")
@@ -116,7 +116,7 @@ class Show:
             self._closing = self._clock()
 
     def map(self, values: Mapping[str, Any]) -> None:
-        """Take in a BasinMap; it is drawn when the last one is far enough back."""
+        """Take a BasinMap; it is drawn when enough time has passed since the last one."""
         if not self._is_mine(values):
             self.ignored += 1
             return
@@ -129,7 +129,7 @@ class Show:
         self._draw_if_due()
 
     def inspect(self, values: Mapping[str, Any]) -> None:
-        """Take in a BridgeForce of cells under inspection."""
+        """Take a BridgeForce of inspected cells."""
         cells, samples = values["cells"].tolist(), values["samples"]
         if not self._is_mine(values) or max(cells, default=0) >= self._outline.cells:
             self.ignored += 1
@@ -137,13 +137,13 @@ class Show:
         self.board.waveform(cells, values["first_sample"], values["data"].reshape(len(cells), samples))
 
     def tick(self, nodes: Iterable[Node]) -> bool:
-        """Do what is due now; return whether the sweep is over and nothing more is to come."""
+        """Draw what is due; return whether the sweep has ended and nothing more will come."""
         self._draw_if_due()
         self.board.draw_waveforms()
         now = self._clock()
-        if now - self._told >= ACCOUNT_S:
-            self._told = now
-            self._account(nodes, "in progress")
+        if now - self._status_at >= STATUS_S:
+            self._status_at = now
+            self._write_status(nodes, "in progress")
             self.board.flush()
         if self._closing is None:
             return False
@@ -153,13 +153,13 @@ class Show:
 
     def _draw_if_due(self) -> None:
         began, cpu = self._clock(), time.process_time()
-        if self._next is None or began < self._rest_until:
+        if self._next is None or began < self._next_draw_at:
             return
         self._draw(self._next)
-        # the least cost seen: the first map draws its axes too
+        # the least cost so far: the first map includes its axes
         self._cost = min(self._cost, time.process_time() - cpu)
         sparse = min(SPARSE_S, SPARSE_SHARE * (began - self._opened))
-        self._rest_until = began + max(self._cost / BUSY_SHARE, sparse, SOONEST_S)
+        self._next_draw_at = began + max(self._cost / BUSY_SHARE, sparse, SOONEST_S)
 
     def _draw(self, snapshot: Snapshot) -> None:
         self._next = None
@@ -172,17 +172,17 @@ class Show:
     def _is_mine(self, values: Mapping[str, Any]) -> bool:
         return (values["run_id"], values["sweep_id"]) == (self.run_id, self._outline.sweep_id)
 
-    def _account(self, nodes: Iterable[Node], state: str) -> None:
+    def _write_status(self, nodes: Iterable[Node], state: str) -> None:
         snapshot = self._with_block_states(self.board.snapshot)
         text = page(snapshot, nodes, self._clock(), state, self.board.rate(snapshot.done))
-        if self.board.scope.left_out:
-            text += f"\nOf the cells under inspection {len(self.board.scope.left_out)} are not shown: no room.\n"
+        if left_out := len(self.board.scope.left_out):
+            text += f"\nOf the inspected cells {left_out} are not shown: there is no space for more.\n"
         self.board.account(text)
 
     def finish(self, nodes: Iterable[Node]) -> None:
-        """Draw what is left and finish the file. A server goes on until :meth:`close`."""
+        """Draw the last map and finish the file. A server goes on until :meth:`close`."""
         self._draw(self._next or self.board.snapshot)
-        self._account(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
+        self._write_status(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
         self._terrain()
         self.board.finish()
 
@@ -194,5 +194,5 @@ class Show:
             self.board.terrain(terrain(lengths), text)
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Close file and server."""
         self.board.close()

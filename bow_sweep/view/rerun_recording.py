@@ -1,7 +1,7 @@
-"""A sweep as a rerun recording: the growing map, its tests, counts, waveforms and accounts.
+"""A sweep as a rerun recording: the growing map, its tests, counts, waveforms and status.
 
-Two timelines: `sweep`, seconds since the recording began, on which the map grows; and `sample`, on which the waveforms
-lie and the maps stand still. A view shows only what is on the active one.
+There are two timelines. On `sweep`, seconds since the recording began, the map grows. On `sample` the waveforms are
+drawn and the map does not change. A view shows only data on the active timeline.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_colours
+from bow_sweep.figures.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_legend
 from bow_sweep.maps.plane import (
     CLEAR,
     NEVER,
@@ -28,7 +27,6 @@ from bow_sweep.maps.plane import (
     TEST_LAYERS,
     TEST_RANGES,
     Snapshot,
-    regime_label,
     terrain_label,
     upright,
 )
@@ -46,19 +44,19 @@ from bow_sweep.view.scope import Scope, trace_name
 APPLICATION = "bow"
 LINE_COLOUR, TEXT_COLOUR, PALE = (190, 192, 200), (235, 236, 240), (215, 215, 215)
 BEHIND, ABOVE = -20.0, -10.0
-"""Draw orders: values below, the mask that blacks or greys them out above."""
+"""Draw orders: values below, the mask that makes cells black or grey above."""
 
 THIN = rr.Radius.ui_points(0.75)
 
 RATE_WINDOW_S = 2.0
-"""Cells per second are counted over this time."""
+"""Cells per second are averaged over this time."""
 
 
 class Board:
-    """A recording in the making: its file, and on demand a server that viewers connect to.
+    """A recording that is being written: its file, and a server for viewers if wanted.
 
-    An earlier recording of the same run is taken up: what it holds goes into the new file first, and only then does the
-    new file take its place, so that the file at `path` never shrinks. Another run's file is put aside under a number.
+    An earlier recording of the same run is continued: its contents are copied into the new file first, which then
+    replaces it, so that the file at `path` never becomes shorter. The file of another run is renamed with a number.
 
     Parameters
     ----------
@@ -67,18 +65,18 @@ class Board:
     snapshot
         The map as planned; its `run_id` becomes the identity of the recording.
     port
-        Of a gRPC server on 127.0.0.1, 0 for none.
+        Of a gRPC server on 127.0.0.1; 0 = no server.
     server_memory
-        What the server keeps at most for viewers that come late, such as "256MiB".
+        Largest memory of the server for viewers that connect late, such as "256MiB".
     warn
-        Takes what could not be done, for people.
+        Called with a line for people where something failed.
 
     Attributes
     ----------
     snapshot
         The latest map.
     uri
-        Where viewers connect; "" without a server.
+        Address that viewers connect to; "" without a server.
     """
 
     def __init__(
@@ -98,7 +96,7 @@ class Board:
         self._marked: set[int] = set()
         self._chunks: dict[int, list[tuple[int, np.ndarray]]] = {}
         self._decorations: dict[str, Decorations] = {}
-        rr.bindings.flush_and_cleanup_orphaned_recordings()  # or rerun keeps what recordings held that nobody has
+        rr.bindings.flush_and_cleanup_orphaned_recordings()  # rerun keeps data of deleted recordings until now
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
         sinks: list[Any] = [rr.FileSink(aside)]
@@ -107,14 +105,14 @@ class Board:
             self.uri = server.uri
             sinks.append(server)
         self._record.set_sinks(*sinks)
-        self._take_up()
+        self._continue_file()
         self._record.log("waveform/help", rr.TextDocument(NO_CELLS, media_type=rr.MediaType.MARKDOWN), static=True)
         self.map(snapshot)
         self._record.flush()
-        aside.replace(path)  # the sink holds the file, whatever it is called
+        aside.replace(path)  # the sink has the file open and goes on writing
 
-    def _take_up(self) -> None:
-        """Copy what an earlier incarnation recorded of this run; put another run's file aside."""
+    def _continue_file(self) -> None:
+        """Copy the earlier recording of this run; rename the file of another run."""
         if not self.path.exists():
             return
         try:
@@ -126,11 +124,11 @@ class Board:
                 for chunk in reader.stream():
                     self._remember(chunk)
                     self._record.send_chunks(chunk)
-        except Exception as error:  # rerun raises what it likes on a damaged file; a picture is not worth a run
+        except Exception as error:  # rerun raises any type on a damaged file; the sweep must go on
             self._warn(f"{self.path}: cannot be read to its end, kept as {_put_aside(self.path).name}: {error}")
 
     def _remember(self, chunk: Chunk) -> None:
-        """Learn from an old chunk when the recording began, and which cells were under inspection."""
+        """Take from an earlier chunk when the recording began, and which cells were inspected."""
         head, _, name = str(chunk.entity_path).strip("/").rpartition("/")
         batch = chunk.to_record_batch()
         if head == "waveform" and "sample" in batch.schema.names:
@@ -140,14 +138,14 @@ class Board:
             self._began = min(self._began, (logged - elapsed) / 1e9)
 
     def _now(self, *, among_samples: bool = False) -> None:
-        """Set the time of what is logged next; maps also stand at sample 0, lest they vanish beside waveforms."""
+        """Set the time of what is logged next; maps are also at sample 0, so that the timeline `sample` shows them."""
         self._record.reset_time()
         self._record.set_time("sweep", duration=time.time() - self._began)
         if among_samples:
             self._record.set_time("sample", sequence=0)
 
     def map(self, snapshot: Snapshot) -> None:
-        """Log the map as it stands."""
+        """Log a map."""
         self.snapshot = snapshot
         drawn = (snapshot.shape, snapshot.x_name, snapshot.y_name, snapshot.regime_names)
         if drawn != self._drawn:
@@ -170,14 +168,14 @@ class Board:
         log("progress/cells_per_second", rr.Scalars(self.rate(snapshot.done)))
 
     def rate(self, done: int) -> float:
-        """Return the cells done per second of late."""
+        """Return the cells done per second over the last `RATE_WINDOW_S`."""
         now = time.monotonic()
         self._history = [entry for entry in self._history if now - entry[0] < RATE_WINDOW_S] + [(now, done)]
         (first, before), (last, after) = self._history[0], self._history[-1]
         return (after - before) / (last - first) if last > first else 0.0
 
     def _draw_decorations(self) -> None:
-        """Log what does not change: axes, scales, what the codes mean; and arrange the views around it."""
+        """Log what does not change (axes, scales, names of codes), and the layout of the views."""
         snapshot, log = self.snapshot, self._record.log
         tests = {f"tests/{name}": layer_decorations(snapshot, name) for name in TEST_LAYERS}
         self._decorations = {"map": transient_decorations(snapshot), **tests, "regime": regime_decorations(snapshot)}
@@ -187,19 +185,16 @@ class Board:
         masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
         for place in ("map", "tests"):
             log(place, rr.AnnotationContext(masks), static=True)
-        names = [*snapshot.regime_names, "pending"]
-        labels = [regime_label(name) for name in names]
-        colours = [*regime_colours(snapshot.regime_names), GREY]
-        codes = [*range(len(snapshot.regime_names)), PENDING]
-        regimes = [(code, label, (*colour, 255)) for code, label, colour in zip(codes, labels, colours, strict=True)]
+        legend = regime_legend(snapshot.regime_names)
+        regimes = [(code, label, (*colour, 255)) for code, label, colour in legend]
         log("regime", rr.AnnotationContext(regimes), static=True)
         kinds = [
             (code, terrain_label(kind), (*colour, 255))
             for code, (kind, colour) in enumerate(zip(TERRAINS, TERRAIN_COLOURS, strict=True))
         ]
         log("terrain", rr.AnnotationContext([*kinds, (UNKNOWN, "unknown", (*GREY, 255))]), static=True)
-        for name, label, colour in zip(names, labels, colours, strict=True):
-            visible = colour if max(colour) > 100 else PALE  # the darkest would be lost on a dark ground
+        for name, (_, label, colour) in zip([*snapshot.regime_names, "pending"], legend, strict=True):
+            visible = colour if max(colour) > 100 else PALE  # the darkest cannot be seen on a dark background
             log(f"counts/{name}", rr.SeriesLines(names=label, colors=visible, widths=2.0), static=True)
         for name in ("cells_done", "cells_per_second"):
             line = rr.SeriesLines(names=name.replace("_", " "), colors=(120, 180, 255), widths=2.0)
@@ -215,19 +210,19 @@ class Board:
     def _draw(self, place: str, decorations: Decorations) -> None:
         log = self._record.log
         log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
-        log(f"{place}/labels", _words(decorations.places, decorations.words), static=True)
+        log(f"{place}/labels", _labels(decorations.places, decorations.labels), static=True)
         if decorations.bar is not None:
             where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=decorations.bar_pixel)
             picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
             log(f"{place}/scale", where, picture, static=True)
 
     def waveform(self, cells: Sequence[int], first_sample: int, data: np.ndarray) -> None:
-        """Take a chunk of the bridge force of cells under inspection; it is drawn by :meth:`draw_waveforms`.
+        """Take a chunk of the bridge force of inspected cells; :meth:`draw_waveforms` draws it.
 
         Parameters
         ----------
         first_sample
-            Of the chunk, since the start of the gesture.
+            First sample of the chunk, since the start of the gesture.
         data
             (cells, samples) bridge force.
         """
@@ -236,7 +231,7 @@ class Board:
                 self._chunks.setdefault(cell, []).append((first_sample, np.array(force, np.float64)))
 
     def draw_waveforms(self) -> None:
-        """Log the chunks that have come since the last time, those of a cell together: a block's come in a burst."""
+        """Log the chunks since the last call, those of a cell together: the chunks of a block come in a burst."""
         chunks, self._chunks = self._chunks, {}
         new = [cell for cell in chunks if cell not in self._marked]
         for cell, pieces in chunks.items():
@@ -254,11 +249,11 @@ class Board:
             thick = rr.Radius.ui_points(1.0)
             frame = rr.LineStrips2D([trace.frame], colors=trace.colour, radii=thick, draw_order=ABOVE + 1)
             log(f"map/inspected/{trace.name}/frame", frame)
-            log(f"map/inspected/{trace.name}/number", _words([trace.place], [str(trace.number)]))
-            log(f"scope/{trace.name}/caption", _words([trace.corner], [trace.caption]))
+            log(f"map/inspected/{trace.name}/number", _labels([trace.place], [str(trace.number)]))
+            log(f"scope/{trace.name}/caption", _labels([trace.corner], [trace.caption]))
         samples, values = [], []
         for first, force in pieces:
-            if not self.scope.continues(cell, first, len(force)):  # a gap, rather than a line across what is missing
+            if not self.scope.continues(cell, first, len(force)):  # NaN makes a gap where samples are missing
                 samples.append(np.array([first - 1]))
                 values.append(np.array([np.nan]))
             samples.append(np.arange(first, first + len(force)))
@@ -272,28 +267,28 @@ class Board:
         log(f"scope/{trace.name}/curve", rr.LineStrips2D([trace.curve], colors=trace.colour, radii=THIN))
 
     def account(self, text: str) -> None:
-        """Log the accounts, Markdown."""
+        """Log the status page, Markdown."""
         self._now(among_samples=True)
         self._record.log("account", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def terrain(self, codes: np.ndarray, text: str) -> None:
-        """Log the terrain of the map, (ny, nx) codes, and what it says of playability, Markdown."""
+        """Log the terrain of the map, (ny, nx) codes, and its playability, Markdown."""
         self._now(among_samples=True)
         self._record.log("terrain/codes", _codes(codes))
         self._record.log("playability", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def flush(self) -> None:
-        """See that all is in the file so far; what a killed process leaves can be read up to here."""
+        """Write everything into the file: after a kill it can be read up to here."""
         self.draw_waveforms()
         self._record.flush()
 
     def finish(self) -> None:
-        """Finish the file, with the footer that makes it quick to open; the server, if there is one, goes on."""
+        """Finish the file with its footer, which makes it quick to open; a server goes on."""
         self.flush()
         if not self.uri:
             self._record.disconnect()
             return
-        # A footer is written when a recording lets go of its sinks, and the server is one: finish a copy instead.
+        # rerun writes the footer when a recording closes all its sinks, and the server is one: finish a copy instead.
         aside = self.path.with_name(f".{self.path.name}.part")
         copy = rr.RecordingStream(APPLICATION, recording_id=self.snapshot.run_id)
         copy.set_sinks(rr.FileSink(aside))
@@ -305,21 +300,21 @@ class Board:
         aside.replace(self.path)
 
     def close(self) -> None:
-        """Let go of file and server. What was not finished still gets its footer."""
+        """Close file and server; an unfinished file gets its footer."""
         self._record.flush()
         self._record.disconnect()
 
 
 @contextmanager
 def _no_footer_expected() -> Iterator[None]:
-    """Read a file that is not finished: all but its footer is there."""
+    """Read an unfinished file without the warning that its footer is missing."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RerunWarning)
         yield
 
 
 def _depth(grid: np.ndarray, scale: tuple[float, float]) -> rr.DepthImage:
-    """Return a layer whose values a viewer shows under the cursor."""
+    """Return a layer of numbers; the viewer shows the value under the cursor."""
     return rr.DepthImage(
         upright(grid),
         meter=1.0,
@@ -331,17 +326,17 @@ def _depth(grid: np.ndarray, scale: tuple[float, float]) -> rr.DepthImage:
 
 
 def _codes(grid: np.ndarray) -> rr.SegmentationImage:
-    """Return a layer whose codes have names and colours."""
+    """Return a layer of codes, which have names and colours."""
     return rr.SegmentationImage(upright(grid), opacity=1.0, draw_order=ABOVE)
 
 
-def _words(places: Sequence[tuple[float, float]], words: Sequence[str]) -> rr.Points2D:
-    """Return texts without points."""
-    return rr.Points2D(places, labels=words, show_labels=True, radii=0.0, colors=TEXT_COLOUR)
+def _labels(places: Sequence[tuple[float, float]], texts: Sequence[str]) -> rr.Points2D:
+    """Return texts, without visible points."""
+    return rr.Points2D(places, labels=texts, show_labels=True, radii=0.0, colors=TEXT_COLOUR)
 
 
 def _put_aside(path: Path) -> Path:
-    """Rename a file after the next free number, and return its new name."""
+    """Rename a file with the next free number, and return its new path."""
     number = 1
     while (other := path.with_name(f"{path.stem}-{number}{path.suffix}")).exists():
         number += 1

@@ -1,4 +1,4 @@
-"""The cells under inspection: which they are, and their latest five periods as on an oscilloscope. Plain arrays."""
+"""The inspected cells: which have a row, and their latest five periods as a curve. Plain arrays."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bow_sweep.maps.plane import Plane
 from bow_sweep.view.decorations import unit_of
 
 MOST = 6
-"""Cells shown; further ones are left out, there is no room to read them."""
+"""Number of cells shown; more would be too small to read."""
 
 COLOURS = (
     (255, 105, 85),
@@ -20,29 +20,28 @@ COLOURS = (
     (150, 200, 255),
     (200, 255, 130),
 )
-"""One for each cell, apart from viridis and from each other."""
+"""Colours of the cells, different from viridis and from each other."""
 
 WIDTH, ROW, SWING, MARGIN = 128.0, 22.0, 9.0, 80.0
-"""A chunk is WIDTH units wide; rows are ROW apart, and a curve swings by SWING to either side of its middle. Captions
-stand in a margin on the right."""
+"""Width of a chunk, distance of two rows, amplitude of a curve, and width of the margin for captions on the right."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One chunk of one cell, ready to draw.
+    """The curve of one chunk of one cell.
 
     Attributes
     ----------
     name
-        Part of an entity path.
+        Last part of an entity path.
     label, caption
-        The cell for people, with its parameters; and the same for beside the curve.
+        The cell and its parameters as text, for a legend and beside the curve.
     curve
-        (samples, 2) points, rows downwards.
+        (samples, 2) points; y points down.
     corner
-        Where the caption goes: the middle of its upper edge.
+        Middle of the upper edge of the caption.
     frame, place
-        A frame around the cell on the map's image, (5, 2), and where its number goes.
+        A frame around the cell in the image of the map, (5, 2), and the place of its number.
     """
 
     number: int
@@ -57,14 +56,14 @@ class Trace:
 
 
 class Scope:
-    """Gives each inspected cell its row and colour, in order of appearance.
+    """Gives each inspected cell a row and a colour, in the order in which they come.
 
     Attributes
     ----------
     cells
-        Those shown so far, by row.
+        The shown cells, by row.
     left_out
-        Cells for which there was no row.
+        Cells without a row.
     """
 
     def __init__(self) -> None:
@@ -74,7 +73,7 @@ class Scope:
         self._ends: set[tuple[int, int]] = set()
 
     def admit(self, cell: int) -> bool:
-        """Return whether a cell has a row, giving it one if there is one left."""
+        """Return whether a cell has a row; gives it one if there is a free one."""
         if cell in self.cells:
             return True
         if len(self.cells) == MOST:
@@ -84,30 +83,38 @@ class Scope:
         return True
 
     def recall(self, name: str, end: int) -> None:
-        """Give a row to a cell that an earlier incarnation showed up to a sample, by the name of its trace."""
+        """Give a row to a cell of an earlier recording.
+
+        Parameters
+        ----------
+        name
+            Name of its trace.
+        end
+            Its samples are recorded up to this one.
+        """
         number = name.removeprefix("cell_")
         if number.isdecimal() and self.admit(int(number)):
             self._ends.add((int(number), end))
 
     def is_new(self, cell: int, first_sample: int) -> bool:
-        """Return whether this chunk comes for the first time; another attempt at a block brings the same bytes."""
+        """Return whether this chunk comes for the first time; another attempt at the block gives the same samples."""
         key = (cell, first_sample)
         new = key not in self._seen
         self._seen.add(key)
         return new
 
     def continues(self, cell: int, first_sample: int, samples: int) -> bool:
-        """Return whether the chunk before this one is there too: inspection is best effort, chunks can be lost."""
+        """Return whether the chunk before this one came too; chunks can be lost, because inspection is best effort."""
         self._ends.add((cell, first_sample + samples))
         return first_sample == 0 or (cell, first_sample) in self._ends
 
     def trace(self, plane: Plane, cell: int, force: np.ndarray) -> Trace:
-        """Return a chunk of an admitted cell as a curve.
+        """Return the curve of a chunk of a cell that has a row.
 
         Parameters
         ----------
         plane
-            The map that the cell is on.
+            The map of the cell.
         force
             (samples,) bridge force.
         """
@@ -139,7 +146,7 @@ def trace_name(cell: int) -> str:
 
 
 def name_of(plane: Plane, cell: int) -> str:
-    """Return a cell with the values of its two parameters."""
+    """Return a cell and the values of its two parameters, as text."""
     iy, ix = divmod(cell, plane.shape[1])
     if iy >= plane.shape[0]:
         return f"cell {cell}"

@@ -1,4 +1,4 @@
-"""The accounts of a sweep as a page for people: what is done, what was found, who is at work. Plain text throughout."""
+"""The status of a sweep as Markdown: cells done, regimes found, nodes at work. No rerun."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ STATES = {int(state): state.name.lower() for state in NodeState}
 USUAL_STATES = ("starting", "ready", "busy", "closed")
 
 SILENT_S = 5.0
-"""A node that should say every second how it is, and has not for so long, is called silent."""
+"""A node is called silent after this time without a Health message; it should send one every second."""
 
 
 @dataclass(frozen=True)
 class Node:
-    """What a node last said of itself.
+    """The latest Health message of a node.
 
     Attributes
     ----------
     heard
-        When, in seconds of any clock.
+        When it came, seconds of any clock.
     """
 
     name: str
@@ -57,22 +57,22 @@ def with_block_states(snapshot: Snapshot, outline: SweepOutline, block_states: S
 
 
 def is_complete(snapshot: Snapshot) -> bool:
-    """Return whether the map holds every test of all cells that are done: nothing newer is on its way."""
+    """Return whether the map has every test of all cells that are done, so that no newer map will come."""
     tests = int(snapshot.periods / CHUNK_PERIODS)
     return int((snapshot.tests >= tests).sum()) >= snapshot.done
 
 
 def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate: float) -> str:
-    """Return the accounts as Markdown.
+    """Return the status page as Markdown.
 
     Parameters
     ----------
     nodes
-        All that were heard of.
+        All nodes that have sent a Health message.
     now
-        On the clock of `Node.heard`.
+        Time on the clock of `Node.heard`.
     state
-        Of the sweep, in a word or two.
+        State of the sweep, such as "in progress".
     rate
         Cells done per second.
     """
@@ -90,12 +90,12 @@ def page(snapshot: Snapshot, nodes: Iterable[Node], now: float, state: str, rate
 
 
 def playability_page(measured: Mapping[str, Any]) -> str:
-    """Return playability as Markdown: measure by measure, with the error that interleaved grids give.
+    """Return the measures of playability and their errors as Markdown.
 
     Parameters
     ----------
     measured
-        What :func:`bow_sweep.maps.playability.playability` found.
+        Result of :func:`bow_sweep.maps.playability.playability`.
     """
     rows = []
     for measure in MEASURES:

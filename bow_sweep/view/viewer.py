@@ -13,14 +13,14 @@ from bow_sweep.view.wanted import LOOPBACK, free_port
 
 
 class Viewer:
-    """A viewer's window on a served recording. It outlives us, with what it has received, and hears no Ctrl-C of ours.
+    """A viewer connected to a served recording. It goes on when this process ends, and Ctrl-C does not reach it.
 
     Parameters
     ----------
     uri
-        What it shows.
+        Address of the recording.
     program
-        Command that opens a viewer; rerun's own unless given.
+        Command that opens a viewer; rerun's own if empty.
 
     Raises
     ------
@@ -30,32 +30,39 @@ class Viewer:
 
     def __init__(self, uri: str, program: Sequence[str] = ()) -> None:
         command = program or _program()
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # until the viewer has ended
-        options = ["--connect", uri, "--bind", LOOPBACK, "--port", str(free_port())]  # it would listen on all addresses
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115  # until the viewer has ended
+        options = [
+            "--connect",
+            uri,
+            "--bind",
+            LOOPBACK,
+            "--port",
+            str(free_port()),
+        ]  # default: all addresses
         self._process = subprocess.Popen(
             [*command, *options],
             stdin=subprocess.DEVNULL,
-            stdout=self._said,
+            stdout=self._output,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
 
     def ended(self) -> str | None:
-        """Return None while it lives, and then, once, why it has failed, or "" where somebody closed it."""
+        """Return None while it runs. When it has ended, return once the reason of a failure, or "" if it was closed."""
         status = self._process.poll()
         if status is None:
             return None
-        with self._said as said:
-            said.seek(0)
-            lines = said.read().decode(errors="replace").splitlines()
+        with self._output as output:
+            output.seek(0)
+            lines = output.read().decode(errors="replace").splitlines()
         last = next((line.strip() for line in reversed(lines) if line.strip()), "")
-        if not status and not last.startswith("Error"):  # without a display it says so and ends with 0
+        if not status and not last.startswith("Error"):  # without a display it prints an error and exits with 0
             return ""
         return f"the viewer ended (exit status {status})" + (f": {last}" if last else "")
 
 
 def _program() -> list[str]:
-    """Return rerun's command, run by a script's name: with `-m` it would import from the working directory."""
+    """Return the command of rerun: the path of a script, because `-m` would also import from the working directory."""
     found = importlib.util.find_spec("rerun_cli")
     if found is None or not found.submodule_search_locations:
         raise FileNotFoundError("the package rerun_cli, a part of rerun-sdk, is not installed")

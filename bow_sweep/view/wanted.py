@@ -1,4 +1,4 @@
-"""What a user asks of the dashboard, checked before anything starts. A sweep can do without it, and then says so."""
+"""The options of the dashboard, checked before any process starts. A sweep runs without a dashboard if it must."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 LOOPBACK = "127.0.0.1"
-"""The only address that anything of ours listens at."""
+"""The only address at which our processes listen."""
 
 MOST_PORT = 65535
 
 NOTE = "; note: "
-"""In `Health.detail` of a dashboard, before each thing that a user should know."""
+"""Separates the notes for the user in `Health.detail` of a dashboard."""
 
 NO_DISPLAY = "there is no display here"
-"""DISPLAY and WAYLAND_DISPLAY are empty."""
+"""Text where DISPLAY and WAYLAND_DISPLAY are empty."""
 
 NO_RERUN = "rerun is not installed, so there is no dashboard; what would be right: pip install 'rerun-sdk>=0.39,<0.42'"
 
 
 class WantedError(ValueError):
-    """Something that no dashboard can do; says what and what would be right."""
+    """Options that a dashboard cannot serve; the text says what would be right."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Wanted:
     Attributes
     ----------
     parameters
-        ROS parameters of its node; None = no dashboard.
+        ROS parameters of the dashboard node; None = no dashboard.
     notes
-        What a user should know before the sweep starts.
+        Lines for the user before the sweep starts.
     """
 
     parameters: dict[str, object] | None
@@ -44,12 +44,12 @@ class Wanted:
 
 
 def wanted(view: bool, port: str, without: bool, environment: Mapping[str, str] = os.environ) -> Wanted:
-    """Check what ``--view``, ``--port`` and ``--no-dashboard`` ask for.
+    """Check the options ``--view``, ``--port`` and ``--no-dashboard``.
 
     Raises
     ------
     WantedError
-        Where the arguments contradict each other, or nobody can serve on that port.
+        Where they contradict each other, or the port cannot be used.
     """
     number = port_number(port)
     if without:
@@ -68,17 +68,17 @@ def wanted(view: bool, port: str, without: bool, environment: Mapping[str, str] 
 def _is_installed(package: str) -> bool:
     try:
         return importlib.util.find_spec(package) is not None
-    except ValueError:  # somebody has put something else in its place
+    except ValueError:  # sys.modules has an object of this name that is not a package
         return False
 
 
 def port_number(text: str) -> int:
-    """Return a port as a number, 0 for none.
+    """Return a port as a number; 0 = no port.
 
     Raises
     ------
     WantedError
-        Where it is none.
+        Where the text is not a port.
     """
     if not re.fullmatch("[0-9]{1,5}", text) or int(text) > MOST_PORT:
         raise WantedError(f"--port {text}: should be a whole number from 1 to {MOST_PORT}, or 0 for none")
@@ -86,9 +86,9 @@ def port_number(text: str) -> int:
 
 
 def port_problem(port: int) -> str:
-    """Return why nobody can listen on a port of this machine's loopback, or ""."""
+    """Return why a port of 127.0.0.1 cannot be used, or ""."""
     with socket.socket() as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port in TIME_WAIT will do
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port in TIME_WAIT can be used
         try:
             trial.bind((LOOPBACK, port))
         except PermissionError:
@@ -99,12 +99,12 @@ def port_problem(port: int) -> str:
 
 
 def free_port() -> int:
-    """Return a port of the loopback that nobody listens on."""
+    """Return a free port of 127.0.0.1."""
     with socket.socket() as trial:
         trial.bind((LOOPBACK, 0))
         return int(trial.getsockname()[1])
 
 
 def has_display(environment: Mapping[str, str] = os.environ) -> bool:
-    """Return whether there is a screen for a viewer's window."""
+    """Return whether there is a display for the window of a viewer."""
     return bool(environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY"))

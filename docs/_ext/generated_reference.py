@@ -20,6 +20,8 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
+ENTRY = re.compile(r"(\w+) +(.+)")
+"""A line of a package's docstring that lists a module: its name, spaces up to a column, what is in it."""
 
 
 def heading(text: str, line: str = "=") -> str:
@@ -35,13 +37,30 @@ def packages(name: str) -> Iterator[str]:
             yield from packages(part.name)
 
 
+def listing(lines: list[str]) -> dict[int, re.Match[str]]:
+    """Return the lines of a docstring that list modules, by number: paragraphs in two columns."""
+    found: dict[int, re.Match[str]] = {}
+    paragraph: dict[int, re.Match[str] | None] = {}
+    for number, line in enumerate([*lines, ""]):
+        if line:
+            paragraph[number] = ENTRY.fullmatch(line)
+            continue
+        entries = {at: entry for at, entry in paragraph.items() if entry}
+        if len(entries) == len(paragraph) and any("  " in entry[0] for entry in entries.values()):
+            found |= entries
+        paragraph = {}
+    return found
+
+
 def api_page(package: str) -> str:
-    """Return the page of one package: its docstring, then each of its modules."""
-    path = importlib.import_module(package).__path__
+    """Return the page of one package: its docstring, then its modules in the order of their list in the docstring."""
+    module = importlib.import_module(package)
+    parts = [part.name for part in pkgutil.iter_modules(module.__path__) if not part.ispkg and part.name != "__main__"]
+    listed = [entry[1] for entry in listing((module.__doc__ or "").splitlines()).values()]
+    parts.sort(key=lambda part: listed.index(part) if part in listed else len(listed))
     text = heading(package) + f".. automodule:: {package}\n   :no-members:\n\n"
-    for part in pkgutil.iter_modules(path, f"{package}."):
-        if not part.ispkg and not part.name.endswith(".__main__"):
-            text += heading(part.name, "-") + f".. automodule:: {part.name}\n\n"
+    for name in (f"{package}.{part}" for part in parts):
+        text += heading(name, "-") + f".. automodule:: {name}\n\n"
     return text
 
 
@@ -65,14 +84,22 @@ def command_page() -> str:
 
 
 def settings_page() -> str:
-    """Return the page of all settings, as ``bow settings`` prints them."""
+    """Return the page of all settings, what ``bow settings`` prints as a list of definitions."""
     from bow_sweep.cli.main import main
 
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         main(["settings"])
-    body = "".join(f"   {line}\n" for line in printed.getvalue().splitlines())
     text = heading("Settings") + "Printed by ``bow settings``: name and default; meaning, unit, range and source.\n"
-    return text + "Any of them can be given as ``--set NAME=VALUE``.\n\n.. code-block:: text\n\n" + body
+    text += "Any of them can be given as ``--set NAME=VALUE``.\n\n"
+    terms: list[str] = []
+    for line in printed.getvalue().splitlines():
+        if not line.startswith(" "):
+            terms.append(f"``{line.strip()}``")
+        else:
+            text += ", ".join(terms) + "\n" if terms else ""
+            text += "    " + re.sub(r"([\\\\*`|_])", r"\\\1", line.strip()) + "\n"
+            terms = []
+    return text
 
 
 def messages_page() -> str:
@@ -93,7 +120,7 @@ def index_page(names: list[str]) -> str:
 
 def write(folder: Path) -> None:
     """Write all pages; a page that has not changed keeps its date, so that Sphinx does not read it again."""
-    os.environ["COLUMNS"] = "110"  # argparse takes the width of its lines from here
+    os.environ["COLUMNS"] = "100"  # argparse takes the width of its lines from here
     names = [name for package in PACKAGES for name in packages(package)]
     pages = {f"api/{name}.rst": api_page(name) for name in names}
     pages["api/index.rst"] = index_page(names)
@@ -110,12 +137,8 @@ def write(folder: Path) -> None:
 
 def list_modules(_app: Any, _what: str, name: str, thing: Any, _options: Any, lines: list[str]) -> None:
     """Turn the lines of a package's docstring that list its modules, ``name  what is in it``, into a list of links."""
-    entries = [re.fullmatch(r"(\w+) {2,}(.+)", line) for line in lines] if hasattr(thing, "__path__") else []
-    if any(entries):
-        lines[:] = [
-            f"- :py:mod:`{entry[1]} <{name}.{entry[1]}>`: {entry[2]}" if entry else line
-            for entry, line in zip(entries, lines, strict=True)
-        ]
+    for number, entry in listing(lines).items() if hasattr(thing, "__path__") else ():
+        lines[number] = f"- :py:mod:`{entry[1]} <{name}.{entry[1]}>`: {entry[2]}"
 
 
 def skip_aliases(_app: Any, _what: str, _name: str, thing: Any, skip: bool, _options: Any) -> bool | None:

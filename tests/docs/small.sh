@@ -1,10 +1,12 @@
-# Read before every shell block of the documentation: it ends at the first command that fails, and its sweeps are small.
+# Read before every shell block of the documentation: it ends at the first command that fails, and its sweeps are small
+# and without a dashboard.
 set -euo pipefail
 
 bow() {
-  if [[ ${1-} == sweep && $* != *--nx* && $* != *--resume* ]]; then
-    command bow "$@" --nx 16 --ny 8 --periods 30
-  else
-    command bow "$@"
+  local small=()
+  if [[ ${1-} == sweep && $* != *--resume* ]]; then
+    small+=(--periods 30 --no-dashboard)
+    [[ $* == *--nx* ]] || small+=(--nx 16 --ny 8)
   fi
+  command bow "$@" "${small[@]}"
 }

@@ -5,9 +5,12 @@ Sybil finds the blocks, and what the comment ``<!-- skip: next "reason" -->`` ab
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from unittest import SkipTest
@@ -17,20 +20,27 @@ from doc_pages import PAGES, RUN, SHOWN, blocks, name
 from sybil import Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
+LIMIT_S = 200
+"""A block that takes longer hangs."""
+
 PRELUDE = Path(__file__).with_name("small.sh")
 
 
 def run_in_shell(example: Example) -> str | None:
     """Run a block as a script of bash; return what is wrong."""
-    done = subprocess.run(
-        ["bash", "-c", f"source {PRELUDE}\n{example.parsed}"],
-        capture_output=True,
-        text=True,
-        stdin=subprocess.DEVNULL,
-        check=False,
-        timeout=250,
-    )
-    return f"exit status {done.returncode}\n{done.stdout}\n{done.stderr}" if done.returncode else None
+    with tempfile.TemporaryFile("w+") as said:
+        script = ["bash", "-c", f"source {PRELUDE}\n{example.parsed}"]
+        shell = subprocess.Popen(
+            script, stdin=subprocess.DEVNULL, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        try:
+            status = shell.wait(LIMIT_S)
+        finally:
+            with contextlib.suppress(ProcessLookupError):  # what a failed block has left in the background
+                os.killpg(shell.pid, signal.SIGTERM)
+            shell.wait()
+        said.seek(0)
+        return f"exit status {status}\n{said.read()}" if status else None
 
 
 DOCUMENTS = Sybil([CodeBlockParser("bash", run_in_shell), PythonCodeBlockParser(), SkipParser()])
@@ -47,6 +57,7 @@ def pages_by_cost() -> list[object]:
     return found
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("page", pages_by_cost())
 def test_every_block_of_a_page_runs(
     page: Path, ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -73,5 +73,11 @@ def test_files_and_modules_that_a_page_names_exist(page: Path) -> None:
     assert [module for module in modules if not resolves(module)] == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_parts_that_a_script_writes_name_a_script_that_exists(page: Path) -> None:
+    scripts = re.findall(r"<!-- (?:begin|end): written by (\S+) -->", page.read_text())
+    assert [script for script in scripts if not (ROOT / script).exists()] == []
+
+
 def test_diagrams_are_drawn_from_their_sources() -> None:
     assert diagrams.problems() == []

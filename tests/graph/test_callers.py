@@ -1,4 +1,4 @@
-"""`bow sweep` in the environments of others: it works, or refuses in one line and leaves nothing."""
+"""`bow sweep` in unusual environments: it works, or refuses in one line and leaves no files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHADOWS = (
     *("random", "json", "numpy", "argparse", "socket", "tempfile", "rclpy", "bow_sim", "bow_sweep", "bow_msgs"),
     *("bow_classifier", "numba", "rich", "yaml", "setproctitle", "sitecustomize", "xml"),
 )
-"""Modules that a folder with other people's files may have."""
+"""Names of modules that files in a working directory may have."""
 
 IN_A_THREAD = """
 import asyncio, sys, threading
@@ -55,7 +55,7 @@ sys.exit(main(sys.argv[1:]))
 def run(
     command: Sequence[str], folder: Path, closed: str = "", **variables: str | None
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command in a folder with variables of the environment changed; None for one that is not there."""
+    """Run a command in a folder with variables of the environment changed; None removes one."""
     environment = {name: value for name, value in {**os.environ, **variables}.items() if value is not None}
     words = ["bash", "-c", f'exec "$@" {closed}', "bash", *command]
     return subprocess.run(
@@ -118,7 +118,7 @@ def test_a_sweep_is_made_where_exit_statuses_are_ignored(
 
 
 def test_files_of_the_working_directory_are_no_modules(shadows: Path, ros_domain: int, undisturbed_tiny: Path) -> None:
-    """Also not for what is started once ROS is loaded, which is no copy: a replay's classifier."""
+    """Not even for a process that is no fork, because ROS is loaded already: the classifier of a replay."""
     done = run([*BOW, "replay", "--graph", str(undisturbed_tiny)], shadows)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["ok"]
@@ -182,14 +182,14 @@ def test_more_simulators_than_start_well_are_not_started(tmp_path: Path, ros_dom
     assert not orphans(directory)
 
 
-def test_ctrl_c_while_python_imports_is_quiet(tmp_path: Path) -> None:
+def test_ctrl_c_during_the_first_import_is_reported_in_one_line(tmp_path: Path) -> None:
     code = (
-        "import os, signal, sys; from bow_sweep import start; sys.argv[:] = ['bow', 'settings']\n"
+        "import os, signal, sys; from bow_sweep import entry; sys.argv[:] = ['bow', 'settings']\n"
         "class Interrupt:\n"
         "    def find_spec(self, *_):\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.meta_path.insert(0, Interrupt())\n"
-        "start.command()\n"
+        "entry.command()\n"
     )
     done = run([sys.executable, "-c", code], tmp_path)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "bow: interrupted\n")

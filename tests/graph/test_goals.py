@@ -1,4 +1,4 @@
-"""The graph as ROS users have it: nodes started one by one, a goal sent, rubbish on the topics."""
+"""The graph as ROS users start it: nodes one by one, a goal from a client, random bytes on the topics."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
 class Client:
-    """A node of the test's own, in a context of its own."""
+    """An action client with a context of its own."""
 
     def __init__(self) -> None:
         self.context = Context()
@@ -83,7 +83,7 @@ def send(client: Client, spec: SweepSpec, feedback: list | None = None) -> objec
     return client.until(client.action.send_goal_async(RunSweep.Goal(spec=spec), feedback_callback=seen.append))
 
 
-def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
+def test_a_goal_runs_a_sweep_while_another_node_publishes_rubbish(
     nodes: Path, client: Client, undisturbed: Path
 ) -> None:
     for preset, settings, reason in (
@@ -94,18 +94,18 @@ def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
         refused = send(client, SweepSpec(preset=preset, settings=settings))
         ended = client.until(refused.get_result_async())  # type: ignore[attr-defined]
         assert ended.status == GoalStatus.STATUS_ABORTED
-        assert reason in ended.result.message, "who sent it is told why"
+        assert reason in ended.result.message, "the client gets the reason"
         assert ended.result.run_id == ""
 
     feedback: list = []
     goal = send(client, SweepSpec(preset="fig11d", settings=SETTINGS), feedback)
     assert goal.accepted  # type: ignore[attr-defined]
     stop = threading.Event()
-    vandal = threading.Thread(target=publish_rubbish, args=(client.node, stop))
-    vandal.start()
+    publisher = threading.Thread(target=publish_rubbish, args=(client.node, stop))
+    publisher.start()
     answer = client.until(goal.get_result_async())  # type: ignore[attr-defined]
     stop.set()
-    vandal.join()
+    publisher.join()
     result = answer.result  # type: ignore[attr-defined]
     assert (result.cells_planned, result.cells_done, result.cells_quarantined) == (128, 128, 0), result.message
     run = Path(result.directory)
@@ -118,7 +118,7 @@ def test_a_goal_runs_a_sweep_although_somebody_publishes_rubbish(
         assert f.cells_planned == f.cells_done + f.cells_quarantined + f.cells_outstanding == 128
 
 
-def test_a_cancelled_sweep_closes_its_bag_and_can_be_gone_on_with(nodes: Path, client: Client) -> None:
+def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client: Client) -> None:
     goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=64", "y.count=32", "block_cells=16"]))
     ledgers: list[Path] = []
     while not ledgers or b'"done"' not in ledgers[0].read_bytes():
@@ -135,7 +135,7 @@ def test_a_cancelled_sweep_closes_its_bag_and_can_be_gone_on_with(nodes: Path, c
 
 
 def publish_rubbish(node: Node, stop: threading.Event) -> None:
-    """Random bytes, messages of a run that is not there, and such whose arrays don't fit."""
+    """Publish random bytes, messages of an unknown run, and messages whose arrays do not fit each other."""
     kinds = {"bridge_force": BridgeForce, "stick_slip": StickSlip, "verdicts": Verdicts, "receipts": Receipt}
     latched = {"plan": Plan, "health": Health, "basin_map": BasinMap}
     publishers = [

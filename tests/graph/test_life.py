@@ -1,4 +1,4 @@
-"""A node's life in a process of its own: it ends when told, however often, and even where DDS does not let it go."""
+"""A node in a process of its own ends when it gets a signal, or several, and even where DDS does not shut down."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ class Node(node_base.BowNode):
 node_process.LEAVE_S = 1
 """
 
-TELL_AGAIN = """
-def tell_again(frame, event, argument):
+SIGNAL_AGAIN = """
+def signal_again(frame, event, argument):
     if event == "call" and frame.f_code.co_name == "notify_all":
         os.kill(os.getpid(), signal.SIGTERM)
 
-sys.setprofile(tell_again)
+sys.setprofile(signal_again)
 """
-"""Where a signal sets a threading.Event, another comes while that has its lock."""
+"""A signal handler sets a threading.Event; a second signal comes while the event is locked."""
 
 LIVE = 'sys.exit(node_process.run_node(Node, ["nobody"]))'
 
 
 def start(*parts: str, hangs_s: float = 0.0) -> subprocess.Popen[bytes]:
-    """Start a node that takes so long to leave DDS; return when it lives."""
+    """Start a node whose shutdown of DDS takes so long; return when its timer runs."""
     process = subprocess.Popen([sys.executable, "-c", "".join(parts), str(hangs_s)], stdout=subprocess.PIPE)
     assert process.stdout is not None
     assert process.stdout.readline() == b"lives\n"
     return process
 
 
-def test_a_node_that_is_told_again_while_it_is_told_ends(ros_domain: int) -> None:
-    with start(NODE, TELL_AGAIN, LIVE) as process:
+def test_a_node_ends_that_gets_a_signal_while_it_handles_one(ros_domain: int) -> None:
+    with start(NODE, SIGNAL_AGAIN, LIVE) as process:
         process.send_signal(signal.SIGINT)
         try:
             assert process.wait(20) == 0
@@ -57,7 +57,7 @@ def test_a_node_that_is_told_again_while_it_is_told_ends(ros_domain: int) -> Non
             process.kill()
 
 
-def test_a_node_that_dds_does_not_let_go_is_ended(ros_domain: int) -> None:
+def test_a_node_ends_although_dds_does_not_shut_down(ros_domain: int) -> None:
     with start(NODE, LIVE, hangs_s=60) as process:
         process.send_signal(signal.SIGTERM)
         began = time.monotonic()
@@ -76,7 +76,7 @@ sys.exit(main.main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "2
 """
 
 
-def test_a_sweep_that_dds_does_not_let_go_is_ended_with_all_its_processes(ros_domain: int, tmp_path: Path) -> None:
+def test_a_sweep_ends_with_all_its_processes_although_dds_does_not_shut_down(ros_domain: int, tmp_path: Path) -> None:
     run = tmp_path / "run"
     with subprocess.Popen([sys.executable, "-c", SWEEP, str(run)]) as process:
         assert process.wait(60) == -signal.SIGALRM

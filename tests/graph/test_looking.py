@@ -1,4 +1,4 @@
-"""What is only for looking at never decides over a sweep: it is named, left out, and the sweep ends well."""
+"""Pictures and the dashboard never stop a sweep: where they fail, that is reported, and the sweep finishes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
 def shadowed(folder: Path, library: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have all processes of the test fail to import a library."""
+    """Make the import of a library fail in all processes of the test."""
     (folder / library).mkdir(parents=True)
     (folder / library / "__init__.py").write_text(f'raise ImportError("{library} is broken here")')
     monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
@@ -140,7 +140,7 @@ def test_a_dashboard_whose_disk_is_full_is_named_once_and_does_not_delay_the_end
 
 
 @pytest.mark.full
-def test_a_dashboard_that_hangs_delays_the_end_by_a_bound_that_is_said(tmp_path: Path) -> None:
+def test_a_dashboard_that_hangs_delays_the_end_by_a_limit_that_is_printed(tmp_path: Path) -> None:
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--periods", "2000", "--out", str(run)) as sweep:
         sweep.wait_until((run / "dashboard.rrd").exists)
@@ -156,7 +156,7 @@ def test_a_dashboard_that_hangs_delays_the_end_by_a_bound_that_is_said(tmp_path:
 
 
 @pytest.mark.full
-def test_a_campaign_names_a_dashboard_that_cannot_live_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_campaign_reports_a_dashboard_that_cannot_run_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shadowed(tmp_path / "shadow", "rerun", monkeypatch)
     run = tmp_path / "run"
     with sweeping(run, "fig11", "--nx", "4", "--ny", "2", "--periods", "20", "--out", str(run)) as sweep:

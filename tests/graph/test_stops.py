@@ -1,4 +1,4 @@
-"""A stopped process and a full disk: memory stays bounded, nothing is lost, the run can be gone on with."""
+"""A stopped process and a full disk: memory stays bounded, nothing is lost, the run can be resumed."""
 
 import contextlib
 import os
@@ -37,7 +37,7 @@ def test_a_consumer_stopped_for_ten_seconds_holds_the_simulators_back_and_loses_
     assert_same_map(undisturbed, run)
 
 
-def test_a_full_disk_stops_the_sweep_clearly_and_it_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
+def test_a_full_disk_stops_the_sweep_clearly_and_it_can_be_resumed(undisturbed: Path, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(disk)], check=False)

@@ -1,4 +1,4 @@
-"""Small maps with known cells, as the coordinator would send them and as a file holds them."""
+"""Small maps with known cells, as messages and as files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HELMHOLTZ, SLIP, FLYBACK, APERIODIC = (
 
 
 def settings(nx: int = 8, ny: int = 4, periods: int = 100, block_cells: int = 8) -> list[str]:
-    """The settings of a plan, as far as pictures read them."""
+    """The settings of a plan that pictures read; the others have their defaults."""
     return [
         f"block_cells={block_cells}",
         "bow_bridge=15",

@@ -1,9 +1,9 @@
-"""Records of every regime with known truth, as worn as real ones: jitter, drift, flattening, ripples, rounding, noise.
+"""Records of known regimes with the imperfections of real ones: jitter, drift, flattening, ripples, rounding, noise.
 
-Like :mod:`kinematics`, nothing here is simulated and nothing asks the classifier: a regime is drawn as its definition
-(:mod:`bow_classifier.verdict.regimes`) says, cycle by cycle, in Raman's manner. A cycle has corners, jumps of the
-bridge force in units of v_b/beta, and slips, in units of v_b N; between corners the force is the ramp that brings it
-back.
+As in :mod:`kinematics`, nothing here is simulated or uses the classifier: a record is built from the definition of its
+regime (:mod:`bow_classifier.verdict.regimes`), cycle by cycle, in Raman's manner. A cycle has corners, jumps of the
+bridge force in units of v_b/beta, and slips, in units of v_b N; between corners the force is a ramp that returns to its
+first value over a cycle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 CHUNKS = 4
-"""Chunks of a record: long lags and slips that go on need what came before; the last one is judged."""
+"""Chunks of a record: the last one is classified; long lags and slips across its start need those before."""
 
 SAMPLES = CHUNKS * GEOMETRY.samples
 D = GEOMETRY.bow_bridge
@@ -27,7 +27,7 @@ BETA = D / N
 
 
 class Labelled(NamedTuple):
-    """A record and what it is: name of the regime, the number that belongs to it (0: none), period in samples."""
+    """A record, the name of its regime, the number that belongs to it (0: none), and its period in samples."""
 
     record: Record
     regime: str
@@ -37,7 +37,7 @@ class Labelled(NamedTuple):
 
 @dataclass
 class Cycle:
-    """One period as drawn: places in samples from its start."""
+    """One period: its length, and the places of jumps and slips, samples from its start."""
 
     length: float
     jumps: list[tuple[float, float]]
@@ -46,8 +46,8 @@ class Cycle:
 
 
 @dataclass(frozen=True)
-class Wear:
-    """What keeps a record from being perfect.
+class Imperfections:
+    """How a record differs from a perfect one.
 
     Attributes
     ----------
@@ -58,7 +58,8 @@ class Wear:
     flattening
         Relative excess of the period over the nominal one.
     ripple
-        First amplitude of Schelleng ripples, in v_b/beta; they decay within `decay` ripple periods.
+        Amplitude of Schelleng ripples after a jump, in v_b/beta; it decays with a time constant of `decay` ripple
+        periods.
     rounding
         Width of a corner, samples.
     noise
@@ -77,8 +78,8 @@ class Wear:
     uneven: float = 0.0
 
     @classmethod
-    def draw(cls, rng: Generator) -> Wear:
-        """Draw wear as one finds it on real strings: mostly a little, now and then much."""
+    def draw(cls, rng: Generator) -> Imperfections:
+        """Draw imperfections as real strings have them: usually small, sometimes large."""
         much = rng.random() ** 2
         flat = rng.uniform(-0.01, 0.03) if rng.random() < 0.2 else rng.uniform(-0.003, 0.003)
         return cls(
@@ -93,8 +94,8 @@ class Wear:
         )
 
 
-def render(cycles: Sequence[Cycle], wear: Wear, rng: Generator, samples: int = SAMPLES) -> Record:
-    """Draw cycles one after the other until they fill the record; its start lies somewhere in the first."""
+def render(cycles: Sequence[Cycle], flaws: Imperfections, rng: Generator, samples: int = SAMPLES) -> Record:
+    """Return a record of cycles, repeated until it is full; it begins at a random place within the first cycle."""
     t = np.arange(samples, dtype=float)
     starts, totals = [-rng.uniform(0, cycles[0].length)], [0.0]
     jumps: list[tuple[float, float]] = []
@@ -103,27 +104,27 @@ def render(cycles: Sequence[Cycle], wear: Wear, rng: Generator, samples: int = S
     turn = 0
     while starts[-1] < samples:
         cycle, start = cycles[turn % len(cycles)], starts[-1]
-        stretch = (1 + wear.flattening) * (1 + wear.drift * start / samples)
-        worn = 1 + wear.uneven * rng.normal(size=len(cycle.jumps) + len(cycle.slips))
-        mine = [(start + stretch * at, h * s) for (at, h), s in zip(cycle.jumps, worn, strict=False)]
+        stretch = (1 + flaws.flattening) * (1 + flaws.drift * start / samples)
+        uneven = 1 + flaws.uneven * rng.normal(size=len(cycle.jumps) + len(cycle.slips))
+        mine = [(start + stretch * at, h * s) for (at, h), s in zip(cycle.jumps, uneven, strict=False)]
         jumps += mine
-        for (at, duration, amount), s in zip(cycle.slips, worn[len(mine) :], strict=True):
+        for (at, duration, amount), s in zip(cycle.slips, uneven[len(mine) :], strict=True):
             onset, long = round(start + stretch * at), max(1, round(duration))
             if slips and onset <= slips[-1][0] + slips[-1][1]:
                 onset = slips[-1][0] + slips[-1][1] + 1
             if onset > 0 and onset + long < samples:
                 slips.append((onset, long, abs(amount * s) * N))
         begin = mine[0][0] if mine else start
-        height = wear.ripple if not cycle.ripple else cycle.ripple
+        height = flaws.ripple if not cycle.ripple else cycle.ripple
         after = np.maximum(t - begin, 0.0)
         if height:
-            force += height * HEIGHT * np.sin(2 * np.pi * after / D) * np.exp(-after / (wear.decay * D))
+            force += height * HEIGHT * np.sin(2 * np.pi * after / D) * np.exp(-after / (flaws.decay * D))
         totals.append(totals[-1] + sum(h for _, h in mine))
-        starts.append(start + stretch * cycle.length + wear.jitter * rng.normal())
+        starts.append(start + stretch * cycle.length + flaws.jitter * rng.normal())
         turn += 1
     steps = np.zeros(samples + 2)
     base = 0.0
-    for at, h in jumps:  # a jump between two samples is shared by both
+    for at, h in jumps:  # a jump between two samples is divided between them
         if at < 0:
             base += h
         elif at < samples:
@@ -131,8 +132,8 @@ def render(cycles: Sequence[Cycle], wear: Wear, rng: Generator, samples: int = S
             steps[whole] += h * (1 - at + whole)
             steps[whole + 1] += h * (at - whole)
     sawtooth = base + np.cumsum(steps)[:samples] - np.interp(t, starts, totals)
-    force += HEIGHT * gaussian_filter1d(sawtooth, wear.rounding, mode="nearest")
-    return Record(force + wear.noise * HEIGHT * rng.normal(size=samples), slips)
+    force += HEIGHT * gaussian_filter1d(sawtooth, flaws.rounding, mode="nearest")
+    return Record(force + flaws.noise * HEIGHT * rng.normal(size=samples), slips)
 
 
 # ---- the regimes, each a list of cycles that repeats
@@ -143,13 +144,13 @@ def _helmholtz() -> Cycle:
 
 
 def _regular(make: Callable[[Generator], tuple[Sequence[Cycle], int]]) -> Callable[[Generator], Labelled]:
-    """Make a regime of what draws its cycles and tells the number that belongs to its name."""
+    """Return what draws a record, from what draws the cycles of a regime and the number that belongs to it."""
 
     def draw(rng: Generator) -> Labelled:
-        wear = Wear.draw(rng)
+        flaws = Imperfections.draw(rng)
         cycles, count = make(rng)
-        period = sum(cycle.length for cycle in cycles) * (1 + wear.flattening)
-        return Labelled(render(cycles, wear, rng), make.__name__, count, period)
+        period = sum(cycle.length for cycle in cycles) * (1 + flaws.flattening)
+        return Labelled(render(cycles, flaws, rng), make.__name__, count, period)
 
     return draw
 
@@ -183,7 +184,7 @@ def multiple_flyback(rng: Generator) -> tuple[Sequence[Cycle], int]:
     jumps = [(12.0 + i * apart, float(h)) for i, h in enumerate(heights)]
     if rng.random() < 0.5:
         return [Cycle(N, jumps, [(6.0, 10 + apart * (count - 1), 1.0)])], count
-    flybacks = count // 2 + 1  # the string may stick between them
+    flybacks = count // 2 + 1  # the string sticks between the flybacks
     return [Cycle(N, jumps, [(6.0 + 2 * i * apart, 9, 1.0 / flybacks) for i in range(flybacks)])], count
 
 
@@ -223,8 +224,8 @@ def subharmonic(rng: Generator) -> tuple[Sequence[Cycle], int]:
 
 
 def aperiodic(rng: Generator) -> Labelled:
-    """Raucous: corners and slips at moments, and of heights, that do not come back."""
-    wear = Wear.draw(rng)
+    """Raucous motion: corners and slips of random heights at random times."""
+    flaws = Imperfections.draw(rng)
     if rng.random() < 0.5:
         lengths = N * rng.uniform(0.35, 1.6, 60)
         sizes = rng.uniform(0.3, 1.3, 60)
@@ -235,7 +236,7 @@ def aperiodic(rng: Generator) -> Labelled:
         Cycle(float(a), [(14.0, -float(s))], [(8.0, 12, float(s))], float(rng.uniform(0.05, 0.5)))
         for a, s in zip(lengths, sizes, strict=True)
     ]
-    return Labelled(render(cycles, wear, rng), "aperiodic", 0, np.nan)
+    return Labelled(render(cycles, flaws, rng), "aperiodic", 0, np.nan)
 
 
 def no_oscillation(rng: Generator) -> Labelled:
@@ -267,7 +268,7 @@ DRAW: dict[str, Callable[[Generator], Labelled]] = {
     "aperiodic": aperiodic,
     **{make.__name__: _regular(make) for make in _PERIODIC},
 }
-"""How each regime is drawn. `other_periodic` is what is left when no name fits, and cannot be drawn."""
+"""What draws a record of each regime. `other_periodic` is what no definition fits; it cannot be drawn."""
 
 
 def mixture(number: int, seed: int) -> Iterator[Labelled]:

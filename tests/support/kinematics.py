@@ -1,7 +1,7 @@
-"""Kinematic records of a bowed string with known truth: bridge force and slips as Raman would draw them.
+"""Kinematic records of a bowed string, built from Raman's description: bridge force and slips of known regimes.
 
-The bridge force is a ramp broken by jumps: a corner that reaches the bridge is a jump of height v_b/beta (section
-III.B). Nothing here is simulated, so what the classifier should find is known without it.
+The bridge force is a ramp with jumps: a corner that reaches the bridge is a jump of height v_b/beta (section III.B).
+Nothing here is simulated, so the right verdict is known in advance.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ GEOMETRY = Geometry(period=139, bow_bridge=15, samples=695)
 N = GEOMETRY.period
 HEIGHT = N / GEOMETRY.bow_bridge
 """v_b/beta."""
-
 
 SAMPLES_OF_STREAMS = 5 * GEOMETRY.samples
 """Length of the records that test_stream.py sends."""
@@ -60,7 +59,9 @@ def motion(
     drift = 0.0
     intervals: list[tuple[int, int, float]] = []
     for place, height in jumps:
-        turns = np.round(t / period + phase - place, 9)  # or rounding would shift some of the jumps by a sample
+        turns = np.round(
+            t / period + phase - place, 9
+        )  # without it, rounding would shift some of the jumps by a sample
         force += height * HEIGHT * np.floor(turns)
         drift += height
     force -= drift * HEIGHT * (t / period + phase)
@@ -104,7 +105,7 @@ def multiple_flyback(samples: int, corners: int, **more: float) -> Record:
 
 
 def sticking_flybacks(samples: int, corners: int, **more: float) -> Record:
-    """As `multiple_flyback`, but the string sticks for a moment between the flybacks: a cluster of slips."""
+    """As `multiple_flyback`, but the string sticks shortly between the flybacks: a cluster of slips."""
     record = multiple_flyback(samples, corners, **more)
     slips = [
         (onset + 20 * i, 10, slip / corners)
@@ -116,14 +117,14 @@ def sticking_flybacks(samples: int, corners: int, **more: float) -> Record:
 
 
 def with_ripple_slips(record: Record, size: float = 0.02) -> Record:
-    """Add a small slip, of `size` v_b N, some time after each one: Schelleng ripples at the moment of release."""
+    """Add a small slip, of `size` v_b N, some time after each one, as Schelleng ripples cause them."""
     extra = [(onset + duration + 20, 4, size * N) for onset, duration, _ in record.slips]
     inside = [slip for slip in extra if slip[0] + slip[1] < len(record.bridge_force)]
     return Record(record.bridge_force, sorted(record.slips + inside))
 
 
 def aperiodic(samples: int, seed: int = 1) -> Record:
-    """Noise below some kilohertz, slips at random moments, five a chunk."""
+    """Noise below some kilohertz, slips at random times, five a chunk."""
     rng = np.random.default_rng(seed)
     force = np.convolve(rng.normal(size=samples + 9), np.ones(10), "valid") * HEIGHT / 10
     moments = [
@@ -135,12 +136,12 @@ def aperiodic(samples: int, seed: int = 1) -> Record:
 
 
 def silence(samples: int, level: float = 3.0) -> Record:
-    """The string sticks and rests under a bow that presses."""
+    """The string sticks to the bow and does not move."""
     return Record(np.full(samples, level), [])
 
 
 def chunks(records: Sequence[Record], samples: int = GEOMETRY.samples) -> list[tuple[NDArray[np.float32], Intervals]]:
-    """Return a block of cells as the chunks of the two streams; slips are cut at the borders in proportion."""
+    """Return a block of cells as the chunks of the two streams; the sum of a slip across a border is divided."""
     count = len(records[0].bridge_force) // samples
     force = np.array([record.bridge_force for record in records], dtype=np.float32)
     result = []

@@ -1,4 +1,4 @@
-"""What is in an .rrd file, for assertions."""
+"""Reads .rrd files, for assertions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rerun.chunk import RrdReader
 
 
 def rows(path: Path, entity: str, component: str) -> list[tuple[dict[str, int], Any]]:
-    """All values of a component in the order of their logging, each with its times (none for static data)."""
+    """All values of a component in the order of logging, each with its times (none for static data)."""
     found = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a file without a footer warns
@@ -46,7 +46,7 @@ def image(path: Path, entity: str, kind: str, dtype: str, row: int = -1) -> np.n
 
 
 def verify(path: Path) -> str:
-    """What `rerun rrd verify` has to say against a file: nothing, or all of it."""
+    """The output of `rerun rrd verify` for a bad file; "" for a good one."""
     done = subprocess.run(
         [sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, text=True, check=False
     )

@@ -1,4 +1,4 @@
-"""PHYSICS.md section 7 in plain NumPy, slowly, over a whole record: what the compiled tests must agree with."""
+"""PHYSICS.md section 7 in plain NumPy, over a whole record: the compiled classifier must give the same."""
 
 from __future__ import annotations
 

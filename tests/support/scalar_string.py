@@ -1,7 +1,7 @@
 """A plain scalar string: PHYSICS.md sections 2 to 5 step by step, in Python numbers, one cell.
 
-The kernel has to agree with it bit for bit, so sums run from the greatest lag to the least, from
-0, and four waves are added in the kernel's order. Everything else is the text.
+The kernel must agree with it bit for bit; so each convolution is summed from the greatest lag to the least, starting at
+0, and the four waves are added in the kernel's order. The rest follows the text.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A whole sweep in this process, without DDS: ledger, recorder and classifier as they are, simulators from a table.
+"""A whole sweep in this process, without DDS: real ledger, recorder and classifier, simulators from a table.
 
-It writes what `bow sweep` writes, goes on where it was cut off, and can be stopped after any chunk. Snapshots of all
-its files are what a copy would have caught at that moment.
+It writes the files that `bow sweep` writes, can be interrupted after any chunk, and resumed. A snapshot of its files is
+what a copy made at that moment would contain.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ PIXEL = bytes.fromhex(
     "89504e470d0a1a0a0000000d4948445200000001000000010806000000"
     "1f15c4890000000d49444154789c6360606060000000050001a5f645400000000049454e44ae426082"
 )
-"""A picture: to draw the map would take longer than all the rest."""
+"""A picture: drawing the map would take longer than all the rest."""
 
 
 class Cut(Exception):
-    """The graph is killed here."""
+    """All processes of the graph are killed here."""
 
 
 class SmallGraph:
-    """One sweep in a directory; :meth:`run` it to its end or to a cut.
+    """One sweep in a directory; :meth:`run` it to its end or to an interruption.
 
     Parameters
     ----------
     cut_after
-        Chunks after which everything is killed; None: never.
+        Chunks after which all processes are killed; None: never.
     on_chunk
         Called after each chunk that was committed.
     """
@@ -74,10 +74,10 @@ class SmallGraph:
         sync: bool = False,
     ) -> None:
         self.directory, self.sweep, self.cut_after, self.on_chunk = directory, sweep, cut_after, on_chunk
-        self.said: list[str] = []
+        self.log: list[str] = []
         self.basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
         if again:
-            self.of, recorded = resume(directory, self.said.append)
+            self.of, recorded = resume(directory, self.log.append)
             if recorded is not None:
                 self.basin = basin_of(recorded, sweep)
         else:
@@ -89,7 +89,7 @@ class SmallGraph:
         self.out: list[Dispatch] = []
 
     def run(self) -> None:
-        """Carry the sweep to its end, or as far as it may go."""
+        """Run the sweep to its end, or to the interruption."""
         ledger = self.of.ledger
         try:
             if ledger.finished and not self._next_round():
@@ -200,7 +200,7 @@ _TABLE: dict[Any, tuple[tuple[bytes, bytes], ...]] = {}
 
 
 def with_attempt(name: str, data: bytes, attempt: int) -> bytes:
-    """Return a message as another attempt gives it."""
+    """Return a message as another attempt would give it."""
     return data if attempt == 1 else cdr.encode(name, {**cdr.decode(name, data), "attempt": attempt})
 
 

@@ -1,4 +1,4 @@
-"""Maps with terrain of known kinds: textures as section IV.B describes them, in regions with winding borders."""
+"""Synthetic maps of known terrain: regions with curved borders, each with a texture that section IV.B describes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scipy.ndimage import gaussian_filter
 from bow_sweep.maps.terrain import BLACK, SAFE_SPECKLE, SMOOTH, SPECKLE, STREAKY
 
 INTERVAL = 5
-"""Periods between tests: lengths are multiples."""
+"""Periods between two tests; lengths are multiples of it."""
 
 KINDS = (BLACK, SMOOTH, SAFE_SPECKLE, SPECKLE, STREAKY)
 
 
 @dataclass(frozen=True)
 class Look:
-    """Ranges that a map's textures are drawn from, so that held-out maps can look other than those for tuning."""
+    """Ranges from which the textures of a map are drawn; held-out maps can differ from those for tuning."""
 
     specks_in_black: tuple[float, float] = (0.0, 0.02)
     black_in_safe: tuple[float, float] = (0.0, 0.08)
@@ -38,7 +38,7 @@ def smooth_field(rng: np.random.Generator, shape: tuple[int, int], scale: float)
 
 
 def quantised(lengths: np.ndarray) -> np.ndarray:
-    """Return lengths as tests find them: multiples of the interval, 5 ... 100."""
+    """Return lengths rounded up to tests: multiples of the interval, 5 ... 100."""
     return np.clip(INTERVAL * np.ceil(lengths / INTERVAL), INTERVAL, 100)
 
 
@@ -67,7 +67,7 @@ def texture(kind: int, rng: np.random.Generator, shape: tuple[int, int], look: L
 
 
 def regions(rng: np.random.Generator, shape: tuple[int, int], kinds: np.ndarray) -> np.ndarray:
-    """Return the kind of every cell, (ny, nx) uint8: regions around points set apart, with winding borders."""
+    """Return the kind of every cell, (ny, nx) uint8: regions around separate points, with curved borders."""
     ny, nx = shape
     y, x = np.mgrid[:ny, :nx].astype(float)
     x, y = (axis + 0.03 * nx * smooth_field(rng, shape, 0.06 * nx) for axis in (x, y))
@@ -78,7 +78,7 @@ def regions(rng: np.random.Generator, shape: tuple[int, int], kinds: np.ndarray)
 
 
 def example(seed: int, shape: tuple[int, int] = (64, 128), look: Look | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Return a map of all kinds and its truth.
+    """Return a map with all kinds of terrain, and the true kind of each cell.
 
     Returns
     -------

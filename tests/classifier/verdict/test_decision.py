@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bow_classifier.verdict import regimes, thresholds
+from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS
 from bow_classifier.verdict.decision import Decision, Features, Limits, decide_cell, history
 from bow_classifier.verdict.regimes import DEFINITIONS, REGIMES, count, is_helmholtz
 from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS, Thresholds
@@ -28,6 +29,11 @@ def test_every_regime_is_defined_once_and_its_source_is_given():
     for definition in DEFINITIONS:
         assert len(definition.means) > 40
         assert definition.source or definition.name == "other_periodic"
+
+
+def test_every_regime_has_a_confidence_of_its_own():
+    assert COEFFICIENTS.shape == (len(REGIMES), len(MARGINS))
+    assert (COEFFICIENTS[:, 1:] >= 0).all()
 
 
 def test_insignificant_extra_slips_leave_helmholtz_motion_what_it_is():

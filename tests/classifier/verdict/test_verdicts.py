@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from generator import DRAW, SAMPLES, Wear, mixture, render
+from generator import DRAW, SAMPLES, Imperfections, mixture, render
 from generator import helmholtz as helmholtz_cycles
 from generator import multiple_flyback as flyback_cycles
 from generator import multiple_slip as slip_cycles
@@ -74,7 +74,7 @@ def test_confidence_tells_which_names_to_trust(drawn):
     assert abs(last.confidence.mean() - right.mean()) < 0.04
 
 
-MILD = Wear(jitter=0.3, ripple=0.15, rounding=1.5, noise=0.004, uneven=0.005)
+MILD = Imperfections(jitter=0.3, ripple=0.15, rounding=1.5, noise=0.004, uneven=0.005)
 
 
 def cycles_of(make, wanted):
@@ -216,7 +216,7 @@ def test_the_ripples_line_is_that_of_the_spectrum(delay):
 def test_small_slips_and_clusters_of_corners_are_counted_apart():
     cycles, corners = flyback_cycles(np.random.default_rng(4))
     cycles[0].slips = [(6.0, 60, 1.0), (90.0, 3, 0.02), (100.0, 3, 0.03)]
-    found = classify([render(cycles, Wear(rounding=1.0), np.random.default_rng(1))])[0].features
+    found = classify([render(cycles, Imperfections(rounding=1.0), np.random.default_rng(1))])[0].features
     assert (found.slips[0], found.small_slips[0]) == (5, 10)
     assert found.corners[0] == 5 * corners
     assert abs(int(found.corner_clusters[0]) - 5) <= 1  # one may lie across the border

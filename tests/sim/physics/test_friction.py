@@ -9,7 +9,15 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bow_sim.physics.friction import ambiguous_force, hyperbola, sliding_coefficient, slipping_limit, sticking_limit
+from bow_sim.physics.friction import (
+    LAWS,
+    ambiguous_force,
+    hyperbola,
+    sliding_coefficient,
+    slipping_limit,
+    sticking_limit,
+)
+from bow_sim.physics.parameters import FRICTIONS
 
 MU_S, MU_D, Y = 0.8, 0.3, 1.617
 A = st.floats(0.01, 5.0)  # v_b - v_mid
@@ -22,6 +30,10 @@ def step(a, f_b, v_h, slipping, v_b=1.0):
     d = v_b - v_h
     s, slips = hyperbola(a, Y * MU_S, Y * MU_D, d, f_b, slipping)
     return float(s), (d - float(s)) / Y, bool(slips)
+
+
+def test_every_law_that_can_be_set_is_there():
+    assert LAWS.keys() == FRICTIONS.keys()
 
 
 @given(A, FORCE, INCIDENT, st.booleans())

@@ -1,4 +1,4 @@
-"""Blocks: every planned cell in one of them, in the order of the rounds, and the same again from what is announced."""
+"""Blocks: every planned cell is in one, in the order of the rounds; the announced rounds give the same blocks."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_an_exhaustive_sweep_has_every_cell_once_in_order(cells: int, block_cell
     assert blocks.announce().size == 0
 
 
-def test_each_round_is_cut_into_blocks_of_its_own_numbered_on() -> None:
+def test_each_round_has_its_own_blocks_numbered_through_all_rounds() -> None:
     blocks = grow(20, 3, [[0, 4, 8, 12, 16], [5, 6], [1, 2, 3, 9]])
     cut = [blocks.block(n).tolist() for n in range(blocks.count)]
     assert cut == [[0, 4, 8], [12, 16], [5, 6], [1, 2, 3], [9]]

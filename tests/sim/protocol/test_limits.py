@@ -1,4 +1,4 @@
-"""A sweep that would take more memory than anybody wants is refused by everyone who takes one, before it does."""
+"""A sweep that would take too much memory is refused before any of it is allocated."""
 
 from typing import Any
 
@@ -40,6 +40,6 @@ def test_what_is_only_large_is_not(settings: list[str]) -> None:
 
 
 @pytest.mark.parametrize("sizes", [(0, 1, 1), (1, 0, 1), (1, 1, 0), (-1, -1, 1)])
-def test_nothing_is_no_sweep(sizes: Any) -> None:
+def test_a_sweep_without_cells_is_refused(sizes: Any) -> None:
     with pytest.raises(ParameterError):
         check_size(*sizes, Parameters())

@@ -141,26 +141,26 @@ class Started:
 
 
 def test_what_takes_long_is_announced_once_with_its_place(place, monkeypatch):
-    monkeypatch.setattr(code_cache, "SAY_AFTER_S", 0.0)
+    monkeypatch.setattr(code_cache, "REPORT_AFTER_S", 0.0)
     function = load(place).twice
     assert isinstance(function._cache, CodeCache)
-    said: list[str] = []
-    announcer = Announcer(said.append)
+    reported: list[str] = []
+    announcer = Announcer(reported.append)
     for _ in range(2):
         announcer.on_start(Started(function))
         announcer.on_start(Started(function))
         announcer._over.wait(0.2)
         announcer.on_end(Started(function))
         announcer.on_end(Started(function))
-        assert announcer._teller is None
-    assert len(said) == 1
-    assert str(place / "code") in said[0]
-    assert "NUMBA_CACHE_DIR" in said[0]
+        assert announcer._reporter is None
+    assert len(reported) == 1
+    assert str(place / "code") in reported[0]
+    assert "NUMBA_CACHE_DIR" in reported[0]
 
 
 def test_what_is_quick_is_not_announced(place):
-    said: list[str] = []
-    announcer = Announcer(said.append)
+    reported: list[str] = []
+    announcer = Announcer(reported.append)
     announcer.on_start(Started(load(place).twice))
     announcer.on_end(Started(None))
-    assert said == []
+    assert reported == []

@@ -1,4 +1,4 @@
-"""The command `bow` without a graph: it teaches, it answers, it refuses in one line."""
+"""The command `bow` without a graph: its help, its results, and what it refuses in one line."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def commands() -> list[str]:
 
 
 @pytest.mark.parametrize("command", commands())
-def test_every_command_teaches(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_has_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = run(capsys, command, "--help")
     assert status == 0
     assert "usage:" in out

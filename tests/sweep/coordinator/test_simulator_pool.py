@@ -1,4 +1,4 @@
-"""What heartbeats of simulators mean for the ledger, whichever messages are lost, late or a stranger's."""
+"""Heartbeats of simulators become events of the ledger, whichever messages are lost, late or from strangers."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ def health(
 
 
 class World:
-    """A pool, and what it said."""
+    """A pool, its events and its warnings."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
-        self.complaints: list[str] = []
-        self.pool = Pool(self.events.append, "here", self.complaints.append)
+        self.warnings: list[str] = []
+        self.pool = Pool(self.events.append, "here", self.warnings.append)
 
     def hear(self, now: float, hears_us: bool = True, **changes: Any) -> None:
         self.pool.on_health(health(**changes), RUN, hears_us, now)
@@ -73,7 +73,7 @@ def world() -> World:
     return made
 
 
-def test_a_simulator_joins_when_it_is_ready_and_says_that_blocks_arrive() -> None:
+def test_a_simulator_joins_when_it_is_ready_and_reports_that_blocks_arrive() -> None:
     world = World()
     for changes in ({"hears_us": False}, {"state": NodeState.STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):
         world.hear(0.0, **changes)  # type: ignore[arg-type]
@@ -86,7 +86,7 @@ def test_a_simulator_joins_when_it_is_ready_and_says_that_blocks_arrive() -> Non
     assert world.take() == [SimulatorReady(NAME)]
 
 
-def test_what_was_held_and_is_no_longer_has_ended(world: World) -> None:
+def test_a_block_that_is_not_held_any_more_has_ended(world: World) -> None:
     assert world.pool.send(NAME, 4, 1, 0.0) == "1" * 16
     world.hear(0.1)
     assert world.take() == []
@@ -96,7 +96,7 @@ def test_what_was_held_and_is_no_longer_has_ended(world: World) -> None:
     assert world.take() == [Finished(NAME, 4, 1)]
 
 
-def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(world: World) -> None:
+def test_a_block_that_is_not_taken_in_time_is_due_again_and_a_refused_one_at_once(world: World) -> None:
     world.pool.send(NAME, 4, 1, 0.0)
     world.hear(TAKEN_S)
     assert world.take() == []
@@ -113,7 +113,7 @@ def test_a_block_that_got_lost_on_its_way_is_due_again_and_one_refused_at_once(w
     assert [type(event) for event in world.take()] == [SimulatorLost]
 
 
-def test_only_its_own_supervisor_or_a_long_silence_makes_a_simulator_dead(world: World) -> None:
+def test_a_simulator_is_lost_only_when_its_own_supervisor_reports_it_or_it_is_silent_for_long(world: World) -> None:
     world.hear(1.0, state=NodeState.DEAD, incarnation="", pid=8)
     world.hear(1.0, state=NodeState.CLOSED, detail=LEFT, incarnation="2" * 16)
     assert world.take() == []
@@ -127,7 +127,7 @@ def test_only_its_own_supervisor_or_a_long_silence_makes_a_simulator_dead(world:
     world.pool.check(2.1 + SILENT_S, may_join=True)
     (lost,) = world.take()
     assert isinstance(lost, SimulatorLost)
-    assert lost.blame  # of another machine: nobody else would say so
+    assert lost.blame  # of another machine: no supervisor here reports it
 
 
 def test_a_simulator_of_this_machine_that_is_stopped_is_not_blamed() -> None:
@@ -142,14 +142,14 @@ def test_a_simulator_of_this_machine_that_is_stopped_is_not_blamed() -> None:
     assert not lost.blame
 
 
-def test_the_second_of_a_name_gets_no_work_and_is_named_once(world: World) -> None:
+def test_a_second_simulator_of_the_same_name_gets_no_work_and_one_warning(world: World) -> None:
     for now in (1.0, 2.0, 3.0):
         world.hear(now, incarnation="2" * 16, pid=9)
         world.hear(now)
         world.pool.check(now, may_join=True)
     assert world.take() == []
-    assert len(world.complaints) == 1
-    assert "process 9 on there gets no work" in world.complaints[0]
+    assert len(world.warnings) == 1
+    assert "process 9 on there gets no work" in world.warnings[0]
     assert world.pool.send(NAME, 0, 1, 3.0) == "1" * 16
     world.hear(4.0 + SILENT_S, incarnation="2" * 16, pid=9)  # the first is silent by now
     world.pool.check(4.0 + SILENT_S, may_join=True)
@@ -158,7 +158,7 @@ def test_the_second_of_a_name_gets_no_work_and_is_named_once(world: World) -> No
 
 
 class Sweeps(RuleBasedStateMachine):
-    """Pool and ledger together, with simulators of which heartbeats, blocks and processes get lost."""
+    """Pool and ledger together; heartbeats and blocks are lost, simulators crash."""
 
     names = st.sampled_from(["/bow/s1", "/bow/s2", "/bow/s3"])
 
@@ -231,26 +231,26 @@ class Sweeps(RuleBasedStateMachine):
         if answered:
             self.emit(OnDisk(block))
 
-    @rule(name=names, said=st.booleans())
-    def die(self, name: str, said: bool) -> None:
+    @rule(name=names, reported=st.booleans())
+    def crash(self, name: str, reported: bool) -> None:
         if name in self.living:
             message = health(NodeState.DEAD, node=name, incarnation="")
             del self.living[name]
-            if said:
+            if reported:
                 self.pool.on_health(message, RUN, True, self.now)
 
     @invariant()
-    def nobody_holds_more_than_the_ledger_knows(self) -> None:
+    def no_simulator_has_more_than_two_blocks(self) -> None:
         if hasattr(self, "ledger"):
             assert sum(self.ledger.count(state) for state in State) == 5
-            assert all(len(hand) <= 2 for hand in self.ledger.in_flight.values())
+            assert all(len(held) <= 2 for held in self.ledger.in_flight.values())
 
     def teardown(self) -> None:
-        """One simulator that lives and answers is enough: every block is settled in the end."""
+        """One simulator that answers is enough: every block is settled in the end."""
         if not hasattr(self, "ledger"):
             return
         for name in list(self.living):
-            self.die(name, True)
+            self.crash(name, True)
         self.mail.clear()
         self.start("/bow/s1")
         for _ in range(300):
@@ -260,7 +260,7 @@ class Sweeps(RuleBasedStateMachine):
             self.time_passes(1.0, False)
             if self.ledger.finished:
                 return
-        raise AssertionError("blocks stay outstanding for ever")
+        raise AssertionError("blocks stay outstanding")
 
 
 TestSweeps = Sweeps.TestCase

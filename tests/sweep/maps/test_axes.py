@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from bow_sweep.maps.axes import Axis
+from bow_sweep.maps.axes import PlotAxis
 
-FORCE = Axis.of("f_asym", np.geomspace(0.5, 20, 128))
-RATIO = Axis.of("f_init_ratio", np.linspace(0, 2, 64))
+FORCE = PlotAxis.of("f_asym", np.geomspace(0.5, 20, 128))
+RATIO = PlotAxis.of("f_init_ratio", np.linspace(0, 2, 64))
 
 
-def labels(axis: Axis) -> list[str]:
+def labels(axis: PlotAxis) -> list[str]:
     return [tick.text for tick in axis.ticks() if tick.text]
 
 
@@ -15,7 +15,7 @@ def test_the_papers_axes_are_recognised():
     assert (FORCE.scale, RATIO.scale) == ("log", "linear")
 
 
-@pytest.mark.parametrize("axis", [FORCE, RATIO, Axis.of("v_mid", np.linspace(0.9, -2, 30))])
+@pytest.mark.parametrize("axis", [FORCE, RATIO, PlotAxis.of("v_mid", np.linspace(0.9, -2, 30))])
 def test_a_value_lies_in_the_middle_of_its_cell(axis):
     places = [axis.position(value) for value in axis.values]
     assert places == pytest.approx(np.arange(axis.count) + 0.5)
@@ -41,7 +41,7 @@ def test_the_papers_axes_have_round_ticks():
     ],
 )
 def test_every_axis_has_a_few_ticks_inside_it_in_order(values):
-    ticks = Axis.of("f_asym", values).ticks()
+    ticks = PlotAxis.of("f_asym", values).ticks()
     places = [tick.position for tick in ticks]
     assert places == sorted(places)
     assert min(places) >= -1e-6
@@ -50,21 +50,21 @@ def test_every_axis_has_a_few_ticks_inside_it_in_order(values):
 
 
 def test_two_values_take_the_usual_scale_of_their_parameter():
-    assert Axis.of("f_asym", np.array([1.0, 2.0])).scale == "log"
-    assert Axis.of("v_mid", np.array([0.1, 0.2])).scale == "linear"
+    assert PlotAxis.of("f_asym", np.array([1.0, 2.0])).scale == "log"
+    assert PlotAxis.of("v_mid", np.array([0.1, 0.2])).scale == "linear"
 
 
 @pytest.mark.parametrize("values", [[], [1.0, np.nan], [1.0, 1.0], [1.0, 3.0, 2.0], [[1.0, 2.0]]])
-def test_what_is_no_axis_is_refused(values):
+def test_values_that_do_not_make_an_axis_are_refused(values):
     with pytest.raises(ValueError, match="axis f_asym"):
-        Axis.of("f_asym", np.array(values))
+        PlotAxis.of("f_asym", np.array(values))
 
 
 def test_titles_name_parameter_symbol_and_unit():
     assert "asymptotic bow force" in FORCE.title()
     assert "$f_\\mathrm{asym}$" in FORCE.title()
     assert "Y_T = 3" in FORCE.title(mathematics=False, settings=["y_t=3.0"])
-    assert Axis.of("bow_bridge", np.arange(10.0, 20.0)).title(mathematics=False) == (
+    assert PlotAxis.of("bow_bridge", np.arange(10.0, 20.0)).title(mathematics=False) == (
         "round trip bow-bridge-bow; beta = bow_bridge/period  bow_bridge  (samples)"
     )
-    assert Axis.of("unheard_of", np.arange(3.0)).title(mathematics=False) == "unheard_of"
+    assert PlotAxis.of("unheard_of", np.arange(3.0)).title(mathematics=False) == "unheard_of"

@@ -1,4 +1,4 @@
-"""`bow compare`: runs beside each other, for people, for programs, and as a picture."""
+"""`bow compare`: several runs as a table, as JSON and as a picture."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def test_an_older_map_survives_a_failed_write(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("content", [b"", b"no map", b"PK\x03\x04 cut off", b"\x93NUMPY\x01\x00"])
-def test_what_is_no_map_is_refused_by_name(tmp_path, content):
+def test_a_file_that_is_not_a_map_is_refused_by_name(tmp_path, content):
     path = tmp_path / "map.npz"
     path.write_bytes(content)
     with pytest.raises(MapFileError, match=r"map\.npz"):
@@ -134,7 +134,7 @@ def with_history():
     )  # fmt: skip
 
 
-def test_the_history_of_every_cell_is_kept_and_what_follows_from_it_is_written_beside(tmp_path):
+def test_the_history_of_every_cell_is_kept_and_what_follows_from_it_is_written_too(tmp_path):
     write_map_npz(tmp_path / "map.npz", with_history())
     read = read_map_npz(tmp_path / "map.npz")
     for name in ("regimes", "confidence"):

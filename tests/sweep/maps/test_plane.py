@@ -50,7 +50,7 @@ def test_an_array_of_the_wrong_length_is_refused_by_name(name):
         snapshot(**{name: basin_map()[name][:-1]})
 
 
-def test_axes_that_are_none_are_refused():
+def test_axes_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="axis f_asym"):
         snapshot(x=np.zeros(8))
 

@@ -1,4 +1,4 @@
-"""Playability: numbers of maps that are simple enough to know them."""
+"""Playability: measures of maps that are simple enough to count by hand."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_a_map_of_two_halves_has_the_numbers_one_can_count():
     assert value(lengths, "smooth") == pytest.approx(0.5, abs=0.02)
 
 
-def test_a_speck_has_four_edges_and_takes_itself_from_the_area():
+def test_a_speck_adds_four_edges_and_makes_the_area_smaller():
     lengths = np.full((32, 64), 40.0)
     lengths[10, 20] = 0
     assert value(lengths, "boundary") == 4 / 2048
@@ -110,7 +110,7 @@ def test_cells_that_are_not_computed_are_left_out():
     assert boundary(np.ones((2, 2), bool), np.array([[True, False], [True, True]])) == 0
 
 
-def test_what_there_is_nothing_of_is_none():
+def test_a_measure_of_nothing_is_none():
     nothing = playability(np.full((32, 64), np.nan))
     assert nothing["cells"] == 0
     assert all(nothing[name]["value"] is None and nothing[name]["error"] is None for name in NAMES)
@@ -135,7 +135,7 @@ def test_black_is_named_by_the_regimes_in_it():
     assert "black_is" not in playability(lengths)
 
 
-def test_it_is_plain_json():
+def test_the_result_can_be_written_as_json():
     lengths, _ = example(12)
     numbers = playability(lengths, np.zeros(lengths.shape, np.uint8))
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers

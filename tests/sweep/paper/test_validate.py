@@ -19,7 +19,7 @@ from bow_sweep.cli import validate as validate_command
 from bow_sweep.figures import maps
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile, MapFileError, write_map_npz
-from bow_sweep.paper import claims_maps, claims_modes, claims_motion, map_measures
+from bow_sweep.paper import claims_maps, claims_modes, claims_motion, claims_terrain, map_measures
 from bow_sweep.paper.claim import FAIL, NEEDS_RUNS, PASS, REPORT
 from bow_sweep.paper.maps import LAYOUT, letter_of, recognise
 from bow_sweep.paper.validate import validate
@@ -315,3 +315,9 @@ def test_line_figures_and_maps_are_printed_in_one_style():
     assert maps.style is page.style
     with maps.style():
         assert {name: mpl.rcParams[name] for name in STYLE} == STYLE | {"font.family": ["DejaVu Sans"]}
+
+
+@pytest.mark.parametrize("length", [0.0, 40.0])
+def test_maps_without_streaks_fail_the_claims_about_streaks(length):
+    maps = {letter: painted(letter, np.full((64, 128), length)) for letter in LAYOUT}
+    assert verdicts(claims_terrain.CLAIMS.all, maps)["terrain-flyback"] == FAIL

@@ -1,4 +1,4 @@
-"""Adaptive sweeps: a coarse grid first, then edges and rough terrain; black and smooth terrain is left alone."""
+"""Adaptive sweeps: a coarse grid first, then boundaries and rough terrain; black and smooth terrain gets no more."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from bow_sweep.plan.adaptive import fill, first_round, next_round, uncertainty, 
 
 
 def play(terrain: np.ndarray, fraction: float) -> tuple[list[np.ndarray], np.ndarray]:
-    """Play an adaptive sweep over known terrain; return its rounds and what it knows in the end."""
+    """Run an adaptive sweep over a known map; return its rounds and the map with what was simulated."""
     tried, seen = np.zeros(terrain.shape, bool), np.full(terrain.shape, np.nan, np.float32)
     rounds: list[np.ndarray] = []
     while len(cells := next_round(tried, seen, within_budget(fraction, terrain.size))):
@@ -24,7 +24,7 @@ def agreement(terrain: np.ndarray, filled: np.ndarray) -> float:
 
 
 def coast(ny: int = 48, nx: int = 64) -> np.ndarray:
-    """Black land left of a wavy coast, smooth water right of it, and a speckled strait in the middle."""
+    """Black left of a wavy boundary, smooth right of it, and a speckled stripe in the middle."""
     y, x = np.mgrid[:ny, :nx]
     shore = nx / 3 + 6 * np.sin(y / 7)
     terrain = np.where(x > shore, 20 + 5 * np.rint((x - shore) / 12), 0).astype(np.float32)
@@ -57,7 +57,7 @@ def test_rounds_repeat_no_cell_and_end_within_the_budget(seed: int, fraction: fl
     assert len(np.unique(cells)) == len(cells) <= max(1, fraction * terrain.size)
 
 
-def test_a_coast_is_found_with_a_third_of_the_cells_and_better_than_by_chance() -> None:
+def test_a_boundary_is_found_with_a_third_of_the_cells_and_better_than_by_chance() -> None:
     terrain = coast()
     rounds, seen = play(terrain, 0.33)
     assert agreement(terrain, fill(seen)) > 0.99
@@ -68,7 +68,7 @@ def test_a_coast_is_found_with_a_third_of_the_cells_and_better_than_by_chance() 
     assert agreement(terrain, fill(seen)) < 0.98
 
 
-def test_simulations_go_to_the_speckle_and_not_to_the_land() -> None:
+def test_simulations_go_to_the_speckle_and_not_to_the_black() -> None:
     terrain = coast()
     _, seen = play(terrain, 0.33)
     x = np.arange(terrain.shape[1])
@@ -90,7 +90,7 @@ def test_where_all_is_noise_the_budget_is_used_up() -> None:
     assert sum(map(len, rounds)) > 0.49 * 32 * 64
 
 
-def test_rough_coloured_terrain_is_less_sure_than_smooth_and_more_than_a_coast() -> None:
+def test_rough_coloured_terrain_is_less_sure_than_smooth_and_more_than_a_boundary() -> None:
     y, x = np.mgrid[:24, :24]
     grid = (y % 2 == 0) & (x % 2 == 0)
     random = np.random.default_rng(4)
@@ -103,7 +103,7 @@ def test_rough_coloured_terrain_is_less_sure_than_smooth_and_more_than_a_coast()
     assert smooth < adaptive.SURE < smooth + 0.8 * adaptive.ROUGHNESS < rough < tie
 
 
-def test_what_is_known_stays_and_what_is_not_comes_from_around() -> None:
+def test_what_is_known_stays_and_what_is_not_is_predicted_from_near_by() -> None:
     known = np.full((5, 7), np.nan, np.float32)
     known[2, [0, 2, 4, 6]] = 40, 50, 0, 0
     filled = fill(known)
@@ -133,7 +133,7 @@ def test_a_cell_given_up_is_not_tried_again_and_counts_as_not_known() -> None:
     assert np.isin(second, [16 * y + x for y in range(2, 11) for x in range(2, 11)]).mean() > 0.6
 
 
-def test_a_round_depends_on_what_is_known_alone() -> None:
+def test_a_round_depends_only_on_what_is_known() -> None:
     terrain = coast()
     rounds, _ = play(terrain, 0.4)
     again, _ = play(terrain.astype(np.float64), 0.4)

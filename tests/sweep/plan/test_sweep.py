@@ -42,7 +42,7 @@ def test_thresholds_are_not_part_of_the_sweeps_identity_and_physics_is() -> None
 
 
 @given(cells=st.integers(1, 1 << 22), adaptive=st.sampled_from([1.0, 0.5]), samples=st.integers(10, 100_000))
-def test_blocks_that_nobody_sets_are_lanes_of_the_kernel_and_messages_of_a_bearable_size(
+def test_default_blocks_suit_the_lanes_of_the_kernel_and_the_size_of_messages(
     cells: int, adaptive: float, samples: int
 ) -> None:
     block = default_block_cells(cells, adaptive, samples)
@@ -124,7 +124,7 @@ def test_an_exhaustive_sweep_is_what_it_was_before_there_were_adaptive_ones() ->
         (["nonsense"], "nonsense"),
     ],
 )
-def test_what_cannot_be_is_refused_naming_the_value(settings: list[str], message: str) -> None:
+def test_a_setting_that_cannot_be_is_refused_with_its_value(settings: list[str], message: str) -> None:
     with pytest.raises(ParameterError) as refusal:
         Sweep.from_spec("fig11d", settings)
     assert message in str(refusal.value)

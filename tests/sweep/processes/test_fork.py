@@ -1,4 +1,4 @@
-"""A child that is a copy of this process behaves as one that was started."""
+"""Child processes: exit status, signals, output, whether they are forks or commands."""
 
 import contextlib
 import os
@@ -42,7 +42,7 @@ def test_a_signal_that_ends_it_is_its_negative_status(tmp_path):
 
 
 def test_it_has_no_open_file_of_its_parent(tmp_path):
-    """A lock that a process holds on a run must not live on in its children."""
+    """Otherwise a child would keep the lock that its parent holds on a run."""
     with open(tmp_path / "lock", "w") as held:
         number = held.fileno()
 
@@ -67,7 +67,7 @@ def test_handlers_of_its_parent_are_not_its_own(tmp_path):
         signal.signal(signal.SIGTERM, before)
 
 
-def test_an_exit_status_that_somebody_else_took_is_unknown(tmp_path):
+def test_an_exit_status_that_others_took_is_unknown(tmp_path):
     child = Forked(lambda: 3, tmp_path / "log")
     os.waitpid(-1, 0)
     assert child.poll() == UNKNOWN
@@ -82,7 +82,7 @@ def test_a_command_whose_status_was_taken_is_no_success(tmp_path):
     assert (tmp_path / "log").read_text() == "here\n"
 
 
-def test_a_child_of_one_who_ignores_such_news_lives_until_it_ends(tmp_path):
+def test_where_sigchld_is_ignored_the_exit_is_noticed_and_its_status_unknown(tmp_path):
     before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     try:
         child = Forked(lambda: time.sleep(0.3) or 0, tmp_path / "log")
@@ -101,7 +101,7 @@ def test_a_command_gets_status_signal_and_environment(tmp_path):
     assert child.wait(10) == -signal.SIGTERM
 
 
-def test_output_that_is_full_or_closed_stops_nobody(tmp_path, monkeypatch):
+def test_output_that_is_full_or_closed_does_not_matter(tmp_path, monkeypatch):
     with open("/dev/full", "w") as full:
         monkeypatch.setattr(sys, "stdout", full)
         monkeypatch.setattr(sys, "stderr", None)

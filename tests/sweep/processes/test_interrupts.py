@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM are noted, whatever becomes of an exception, and nobody is interrupted in the middle."""
+"""Ctrl-C and SIGTERM are noted, and raised only where the program checks for them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def handlers() -> list[object]:
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_the_end_is_asked_for_where_it_is_checked(number: signal.Signals) -> None:
+def test_a_signal_is_raised_where_it_is_checked(number: signal.Signals) -> None:
     before, done = handlers(), []
     with pytest.raises(KeyboardInterrupt), Interrupts(ONCE_MORE) as interrupts:
         interrupts.check()
@@ -30,7 +30,7 @@ def test_the_end_is_asked_for_where_it_is_checked(number: signal.Signals) -> Non
     assert handlers() == before
 
 
-def test_what_nobody_has_checked_for_comes_up_at_the_end() -> None:
+def test_a_signal_that_was_not_checked_is_raised_at_the_end() -> None:
     done = []
     with pytest.raises(KeyboardInterrupt), Interrupts(ONCE_MORE):
         signal.raise_signal(signal.SIGINT)
@@ -46,7 +46,7 @@ def test_another_error_keeps_its_name() -> None:
     assert handlers() == before
 
 
-def test_at_once_is_at_once_and_is_not_lost_where_somebody_swallows_it() -> None:
+def test_an_immediate_interrupt_is_not_lost_where_its_exception_is_swallowed() -> None:
     done = []
     with pytest.raises(KeyboardInterrupt), Interrupts(ONCE_MORE) as interrupts:
         with contextlib.suppress(KeyboardInterrupt), interrupts.immediate():  # as native code does that calls Python
@@ -58,14 +58,14 @@ def test_at_once_is_at_once_and_is_not_lost_where_somebody_swallows_it() -> None
     assert done == ["swallowed"]
 
 
-def test_what_came_before_is_told_at_once() -> None:
+def test_a_signal_that_came_before_is_raised_immediately() -> None:
     with pytest.raises(KeyboardInterrupt), Interrupts(ONCE_MORE) as interrupts:
         signal.raise_signal(signal.SIGTERM)
         with interrupts.immediate():
-            pytest.fail("begun although the end was asked for")
+            pytest.fail("begun although a signal had come")
 
 
-def test_asked_again_it_says_so_and_nothing_more(capfd: pytest.CaptureFixture[str]) -> None:
+def test_further_signals_print_a_line_and_do_nothing_else(capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(KeyboardInterrupt), Interrupts(ONCE_MORE) as interrupts:
         with contextlib.suppress(KeyboardInterrupt), interrupts.immediate():
             os.kill(os.getpid(), signal.SIGINT)

@@ -1,4 +1,4 @@
-"""A run directory belongs to one process, and nothing is left of a run that never began."""
+"""A run directory is used by one process, and removed where no run began."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_start_that_was_killed_can_be_given_again_and_not_resumed(folder: Path
         create_directory(Path("other"), "fig")
 
 
-def test_who_resumes_takes_nothing_away(folder: Path) -> None:
+def test_resuming_removes_nothing(folder: Path) -> None:
     (folder / "log").mkdir()
     (folder / "log" / "x.log").touch()
     (folder / "bag").mkdir()

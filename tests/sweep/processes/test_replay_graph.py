@@ -1,4 +1,4 @@
-"""Replay = live: through DDS and a classifier process the verdicts are those of the same bag judged in this process."""
+"""Replay = live: through DDS and a classifier process a bag gets the same verdicts as in this process."""
 
 import json
 import os
@@ -12,10 +12,10 @@ import psutil
 import pytest
 import recording
 
-from bow_sweep.processes.replay_graph import chunks_in_order, judge_in_graph
+from bow_sweep.processes.replay_graph import chunks_in_order, classify_in_graph
 from bow_sweep.processes.supervisor import GraphError
 from bow_sweep.record.bag_contents import Survey
-from bow_sweep.record.replay import judge_here, replay
+from bow_sweep.record.replay import classify_here, replay
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -41,10 +41,10 @@ def test_through_dds_the_verdicts_are_the_recorded_ones(run: Path) -> None:
 def test_other_thresholds_give_the_same_new_verdict_set_on_both_ways(run: Path) -> None:
     bag = (run / "bag" / "bag_0.mcap").read_bytes()
     settings = ["correlation=0.5", "corner=0.35"]
-    here = replay(run, settings=settings, judge=judge_here)
+    here = replay(run, settings=settings, classify=classify_here)
     in_process = Path(here["file"]).read_bytes()
     Path(here["file"]).unlink()
-    there = replay(run, settings=settings, judge=judge_in_graph)
+    there = replay(run, settings=settings, classify=classify_in_graph)
     assert here == there
     assert here["equal"] < here["chunks"] == 12
     assert Path(there["file"]).read_bytes() == in_process
@@ -60,13 +60,13 @@ def long(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.full
 def test_a_long_bag_goes_through_bit_by_bit(long: Path) -> None:
-    result = replay(long, judge=judge_in_graph)
+    result = replay(long, classify=classify_in_graph)
     assert result["ok"]
     assert result["equal"] == result["chunks"] == 12 * 40
 
 
 @pytest.mark.full
-def test_a_bag_with_a_gap_is_judged_up_to_it(tmp_path: Path) -> None:
+def test_a_bag_with_a_gap_is_classified_up_to_it(tmp_path: Path) -> None:
     session = recording.session(tmp_path / "run", SWEEP)
     for block in range(SWEEP.blocks):
         for number, chunk in enumerate(recording.chunks(SWEEP, block)):
@@ -76,7 +76,7 @@ def test_a_bag_with_a_gap_is_judged_up_to_it(tmp_path: Path) -> None:
     recording.finish(session, SWEEP)
     survey = Survey(tmp_path / "run" / "bag").read()
     assert [chunk for block, chunk in chunks_in_order(survey, _task(survey)) if block == 1] == [0, 1]
-    here, there = (replay(tmp_path / "run", judge=judge) for judge in (judge_here, judge_in_graph))
+    here, there = (replay(tmp_path / "run", classify=classify) for classify in (classify_here, classify_in_graph))
     assert not here["ok"]
     assert here == there
 
@@ -88,9 +88,9 @@ def _task(survey: Survey) -> object:
 
 
 @pytest.mark.full
-def test_a_classifier_that_dies_is_said(long: Path) -> None:
+def test_the_exit_of_the_classifier_is_reported(long: Path) -> None:
     survey = Survey(long / "bag").read()
-    verdicts = judge_in_graph(survey, _task(survey))  # type: ignore[arg-type]
+    verdicts = classify_in_graph(survey, _task(survey))  # type: ignore[arg-type]
     next(verdicts)
     (classifier,) = [p for p in psutil.Process().children() if "--ros-args" in p.cmdline()]
     classifier.kill()

@@ -1,4 +1,4 @@
-"""What a supervisor makes of the ends of its processes, and how many it starts."""
+"""How a supervisor interprets exits of its processes, and how many simulators it starts."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ RESUMED = {"event": "resumed", "epoch": 2}
         ([], {"epoch": 1}, False),
     ],
 )
-def test_a_coordinator_whose_status_is_unknown_is_judged_by_what_it_left(
+def test_a_coordinator_whose_status_is_unknown_is_judged_by_its_files(
     tmp_path: Path, entries: list[dict[str, object]], report: dict[str, int] | None, finished: bool
 ) -> None:
     (tmp_path / LEDGER).write_text("".join(json.dumps(entry) + "\n" for entry in entries))
@@ -57,7 +57,7 @@ def ended(role: str, log: Path) -> Child:
 
 
 @pytest.mark.parametrize("finished", [True, False])
-def test_only_a_coordinator_that_had_finished_is_taken_for_well(tmp_path: Path, finished: bool) -> None:
+def test_an_unknown_status_is_a_success_only_of_a_coordinator_that_had_finished(tmp_path: Path, finished: bool) -> None:
     supervisor = Supervisor("/bow/x", tmp_path / "log", {}, lambda: finished)
     supervisor.children = [ended("coordinator", tmp_path), ended("recorder", tmp_path)]
     coordinator, recorder = supervisor.exited()
@@ -82,5 +82,5 @@ def test_the_nodes_of_a_supervisor_log_where_those_of_its_children_do(
 
 
 @pytest.mark.parametrize(("asked", "cores", "started"), [(2, 2, 2), (64, 2, 16), (64, 64, 64), (128, 128, 64)])
-def test_as_many_simulators_are_started_as_start_well(asked: int, cores: int, started: int) -> None:
+def test_the_number_of_simulators_is_limited(asked: int, cores: int, started: int) -> None:
     assert bounded(asked, cores) == started

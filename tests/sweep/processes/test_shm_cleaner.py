@@ -1,4 +1,4 @@
-"""What dead processes leave in shared memory goes, theirs and nobody else's, whoever is killed."""
+"""Shared-memory files of processes that have exited are removed, and no others, whichever process is killed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ for name in sys.argv[1:]:
 print("holds", flush=True)
 sys.stdin.read()
 """
-"""A process that has shared memory as Fast DDS has it: locks, and files in its memory."""
+"""A process with shared memory as Fast DDS uses it: locked files, and mapped files."""
 
 LENT = SHARED / "fast_datasharing_01.0f.be.ef.PID.f1.4e.00.00.00.00_0.0.14.3"
 
@@ -70,7 +70,7 @@ def lent_by(pid: int) -> Path:
 def wait_until(what: Callable[[], bool]) -> None:
     deadline = time.monotonic() + 20
     while not what():
-        assert time.monotonic() < deadline, "it never came true"
+        assert time.monotonic() < deadline, "timed out"
         time.sleep(0.01)
 
 
@@ -80,7 +80,7 @@ def notes(folder: Path) -> list[Path]:
 
 @contextlib.contextmanager
 def watched(cleaner: ShmCleaner, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Start a process with a segment; yield it once the cleaner has taken note of that."""
+    """Start a process with a segment; yield it once the cleaner has noted that."""
     SEGMENT.touch()
     with holding(lock(SEGMENT)) as process:
         cleaner.watch(process.pid)
@@ -90,7 +90,7 @@ def watched(cleaner: ShmCleaner, folder: Path) -> Iterator[subprocess.Popen[byte
 
 @pytest.fixture(autouse=True)
 def nothing_stays() -> Iterator[None]:
-    """A test that fails leaves nothing either."""
+    """Also after a test that fails."""
     yield
     for file in (SEGMENT, PORT, lock(SEGMENT), lock(PORT), SEMAPHORE, *SHARED.glob("fast_datasharing_01.0f.be.ef.*")):
         file.unlink(missing_ok=True)
@@ -110,7 +110,7 @@ def test_a_note_names_segments_ports_and_what_is_lent_and_nothing_else(tmp_path:
     shm_files.note(tmp_path / "nowhere" / "note", files)
 
 
-def test_what_a_process_has_is_known_and_goes_when_it_has_gone() -> None:
+def test_the_files_of_a_process_are_found_and_removed_after_its_exit() -> None:
     SEGMENT.touch()
     with holding(lock(SEGMENT), LENT) as process:
         others = lent_by(process.pid).with_name(lent_by(process.pid).name.replace("f1.4e", "00.00"))
@@ -128,7 +128,7 @@ def test_what_a_process_has_is_known_and_goes_when_it_has_gone() -> None:
         assert others.exists()
 
 
-def test_a_port_goes_last_with_its_semaphore_and_where_somebody_made_it_again() -> None:
+def test_a_port_is_removed_last_with_its_semaphore_even_where_it_was_made_again() -> None:
     files = {str(lock(PORT))}
     for made in ((PORT, SEMAPHORE, lock(PORT)), (PORT, SEMAPHORE)):
         for file in made:
@@ -147,7 +147,7 @@ def test_a_port_goes_last_with_its_semaphore_and_where_somebody_made_it_again() 
 # ---- the files of processes
 
 
-def test_what_is_made_is_of_whom_its_name_says_even_where_nobody_looks_in_time(tmp_path: Path) -> None:
+def test_a_new_file_belongs_to_the_process_in_its_name(tmp_path: Path) -> None:
     files = SharedFiles(tmp_path)
     files.add(4711)
     for pid in (4711, 4712):
@@ -160,7 +160,7 @@ def test_what_is_made_is_of_whom_its_name_says_even_where_nobody_looks_in_time(t
     assert lent_by(4712).exists()
 
 
-def test_the_next_one_sees_to_what_a_killed_one_has_noted(tmp_path: Path) -> None:
+def test_the_files_noted_by_a_killed_cleaner_are_removed_by_the_next_one(tmp_path: Path) -> None:
     (tmp_path / f"{NOTE}.1").write_text(f"{lock(SEGMENT)}\n{lent_by(4711)}\n")
     for file in (lock(SEGMENT), SEGMENT, lent_by(4711)):
         file.touch()
@@ -177,7 +177,7 @@ def test_the_next_one_sees_to_what_a_killed_one_has_noted(tmp_path: Path) -> Non
 # ---- its process
 
 
-def test_it_removes_what_a_killed_process_leaves_and_ends_with_its_supervisor(tmp_path: Path) -> None:
+def test_it_removes_the_files_of_a_killed_process_and_ends_when_it_is_closed(tmp_path: Path) -> None:
     cleaner = ShmCleaner(tmp_path, "/bow/x", [])
     with watched(cleaner, tmp_path) as process:
         process.kill()
@@ -189,11 +189,11 @@ def test_it_removes_what_a_killed_process_leaves_and_ends_with_its_supervisor(tm
     assert (tmp_path / "shm_cleaner.log").read_text() == ""
 
 
-def test_it_sees_what_is_made_while_it_lives(tmp_path: Path) -> None:
+def test_it_notices_files_that_are_made_later(tmp_path: Path) -> None:
     cleaner = ShmCleaner(tmp_path, "/bow/x", [])
     with holding() as process:
         cleaner.watch(process.pid)
-        time.sleep(0.3)  # nothing is made now, and it does not look
+        time.sleep(0.3)  # nothing is made now, so it does not scan
         lent_by(process.pid).touch()
         wait_until(lambda: any(str(lent_by(process.pid)) in note.read_text() for note in notes(tmp_path)))
         process.kill()
@@ -201,13 +201,13 @@ def test_it_sees_what_is_made_while_it_lives(tmp_path: Path) -> None:
     cleaner.close(20)
 
 
-def test_where_it_was_killed_its_work_is_done_in_the_end(tmp_path: Path) -> None:
+def test_where_it_was_killed_the_supervisor_does_its_work_in_the_end(tmp_path: Path) -> None:
     cleaner = ShmCleaner(tmp_path, "/bow/x", [])
     with watched(cleaner, tmp_path) as process:
         cleaner._process.kill()
         cleaner._process.wait()
         assert cleaner.has_exited
-        cleaner.watch(process.pid)  # nobody hears it
+        cleaner.watch(process.pid)  # it does not arrive
         process.kill()
         process.wait()
     assert SEGMENT.exists()
@@ -227,7 +227,7 @@ sys.stdin.read()
 """
 
 
-def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> None:
+def test_it_outlives_a_killed_supervisor_until_all_processes_have_exited(tmp_path: Path) -> None:
     leave_s = 3.0
     SEGMENT.touch()
     with (
@@ -243,11 +243,11 @@ def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> 
         wait_until(lambda: bool(notes(tmp_path)))
         (note,) = notes(tmp_path)
         cleaner = int(note.suffix[1:])
-        time.sleep(leave_s + 0.2)  # it has heard nothing for longer than it waits without a supervisor
+        time.sleep(leave_s + 0.2)  # longer than it waits for processes without a supervisor
         supervisor.send_signal(signal.SIGKILL)
         supervisor.wait()
         time.sleep(0.2)
-        os.kill(cleaner, 0)  # it lives
+        os.kill(cleaner, 0)  # it runs
         assert SEGMENT.exists()
         process.kill()
         wait_until(lambda: not SEGMENT.exists())
@@ -256,7 +256,7 @@ def test_it_outlives_a_killed_supervisor_until_all_have_gone(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.EPERM, errno.EINVAL, None])
-def test_where_the_system_tells_nothing_it_looks(
+def test_where_the_kernel_reports_nothing_it_polls(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: int | None
 ) -> None:
     """Old kernels and sandboxes have no pidfd_open, and some no inotify."""

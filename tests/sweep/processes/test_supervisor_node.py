@@ -1,4 +1,4 @@
-"""What the supervisor hears and does: processes whose work is over go, and nobody's word but our run's sends them."""
+"""The supervisor releases processes whose work is over, when the plan of its own run is closed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plan(run_id: str, state: int) -> bytes:
         (plan(RUN, Plan.CLOSED)[:40], False),
     ],
 )
-def test_only_the_plan_of_our_run_sends_simulators_home(data: bytes, closed: bool) -> None:
+def test_only_the_closed_plan_of_our_run_releases_simulators(data: bytes, closed: bool) -> None:
     node = SimpleNamespace(closed=False, get_namespace=lambda: f"/bow/{RUN}")
     SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
     assert node.closed is closed
@@ -41,18 +41,18 @@ def test_only_the_plan_of_our_run_sends_simulators_home(data: bytes, closed: boo
 PATIENT = """
 import signal, time
 signal.signal(signal.SIGINT, signal.SIG_DFL)  # where the tests run in the background, it is ignored
-print("listens", flush=True)
+print("ready", flush=True)
 time.sleep(60)
 """
 
 
-def test_those_released_end_and_are_not_taken_for_dead(tmp_path: Path) -> None:
+def test_released_processes_end_and_their_exit_is_not_reported(tmp_path: Path) -> None:
     supervisor = Supervisor("/bow/x", tmp_path, {})
     for name in ("simulator_1", "simulator_2", "recorder"):
         process = subprocess.Popen([sys.executable, "-c", PATIENT], stdout=subprocess.PIPE)
         assert process.stdout
         with process.stdout as output:
-            assert output.readline() == b"listens\n"
+            assert output.readline() == b"ready\n"
         supervisor.children.append(Child(name.partition("_")[0], name, process, tmp_path / f"{name}.log"))
     simulators = supervisor.children[:2]
     supervisor.release(("simulator",))

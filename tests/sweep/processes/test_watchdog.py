@@ -1,4 +1,4 @@
-"""How long a supervisor waits for its processes, and whom it blames."""
+"""How long a supervisor waits for its processes, and which it restarts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RUN = "a" * 16
 
 
 class Machine:
-    """Processes that compute or are stopped as a test says."""
+    """Processes that compute or are stopped, as a test sets them."""
 
     def __init__(self) -> None:
         self.stopped: set[int] = set()
@@ -34,31 +34,31 @@ def machine() -> Machine:
     return Machine()
 
 
-def test_who_is_not_heard_by_the_others_is_named_once_consumers_first(machine: Machine) -> None:
+def test_a_stuck_process_is_named_once_consumers_first(machine: Machine) -> None:
     watchdog = Watchdog(RUN, machine.usage)
 
-    def says(pid: int, role: str, state: int, now: float, run: str = RUN) -> None:
+    def heartbeat(pid: int, role: str, state: int, now: float, run: str = RUN) -> None:
         watchdog.heartbeat(pid, role, state, run, now)
 
-    says(9, "coordinator", NodeState.BUSY, 0)
-    says(1, "recorder", NodeState.STARTING, 0)
-    says(2, "simulator", NodeState.STARTING, 0)
-    says(3, "classifier", NodeState.STARTING, 0)
-    says(4, "simulator", NodeState.STARTING, 0, run="")  # waits for a plan
-    says(1, "recorder", NodeState.STARTING, STUCK_S)
-    says(3, "classifier", NodeState.BUSY, 1)
+    heartbeat(9, "coordinator", NodeState.BUSY, 0)
+    heartbeat(1, "recorder", NodeState.STARTING, 0)
+    heartbeat(2, "simulator", NodeState.STARTING, 0)
+    heartbeat(3, "classifier", NodeState.STARTING, 0)
+    heartbeat(4, "simulator", NodeState.STARTING, 0, run="")  # waits for a plan
+    heartbeat(1, "recorder", NodeState.STARTING, STUCK_S)
+    heartbeat(3, "classifier", NodeState.BUSY, 1)
     assert watchdog.stuck(STUCK_S) == set()
     assert watchdog.stuck(STUCK_S + 1) == {1}
     assert watchdog.stuck(STUCK_S + 1) == set()
-    says(5, "recorder", NodeState.STARTING, STUCK_S + 2)
-    says(5, "recorder", NodeState.BUSY, STUCK_S + 3)
+    heartbeat(5, "recorder", NodeState.STARTING, STUCK_S + 2)
+    heartbeat(5, "recorder", NodeState.BUSY, STUCK_S + 3)
     assert watchdog.stuck(2 * STUCK_S + 1) == set()
     assert watchdog.stuck(2 * STUCK_S + 2) == {2}
     assert watchdog.stuck(3 * STUCK_S + 3) == set()
     assert watchdog.worked == {3, 5, 9}
 
 
-def test_a_consumer_that_has_not_taken_up_the_run_is_blamed_before_those_who_wait_for_it(machine: Machine) -> None:
+def test_a_consumer_that_has_not_opened_the_run_is_named_before_those_that_wait_for_it(machine: Machine) -> None:
     watchdog = Watchdog(RUN, machine.usage)
     for pid, role in ((1, "classifier"), (2, "simulator")):
         watchdog.heartbeat(pid, role, NodeState.STARTING, RUN, 0)
@@ -72,7 +72,7 @@ def test_a_consumer_that_has_not_taken_up_the_run_is_blamed_before_those_who_wai
 
 
 def unheard_after(watchdog: Watchdog, pids: set[int], start: int, end: int) -> set[int]:
-    """Look once a second; return who is unheard at the end."""
+    """Check once a second; return the processes that are unheard at the end."""
     found: set[int] = set()
     for now in range(start, end):
         found = watchdog.unheard(pids, float(now))
@@ -98,7 +98,7 @@ def test_a_process_that_computes_or_reads_is_still_starting(machine: Machine) ->
     assert unheard_after(watchdog, {1, 2, 3}, 60, 60 + int(UNHEARD_S) + 3) == {1, 2, 3}
 
 
-def test_a_process_that_is_busy_has_longer_to_get_to_work(machine: Machine) -> None:
+def test_a_busy_process_has_longer_to_get_ready(machine: Machine) -> None:
     watchdog = Watchdog(RUN, machine.usage)
     watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 0)
     watchdog.heartbeat(1, "recorder", NodeState.STARTING, RUN, 0)
@@ -139,7 +139,7 @@ def test_a_sweep_without_progress_is_given_up_in_the_end(machine: Machine) -> No
     assert not watchdog.is_stalled(12.0 + STALL_S)
 
 
-def test_the_system_says_whether_a_process_is_stopped_and_what_it_used() -> None:
+def test_usage_tells_whether_a_process_is_stopped_and_its_cpu_time() -> None:
     with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as process:
         try:
             deadline = time.monotonic() + 20

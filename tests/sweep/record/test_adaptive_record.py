@@ -106,10 +106,10 @@ def test_a_block_is_refused_until_its_round_is_announced(tmp_path):
     fresh = range(first.count, blocks.count)
     take(session, blocks, fresh)
     assert session.ignored == 3 * SWEEP.chunks
-    assert not len(session.inventory)
+    assert not len(session.stored)
     announce(session, blocks)
     take(session, blocks, fresh)
-    assert len(session.inventory) == 3 * SWEEP.chunks
+    assert len(session.stored) == 3 * SWEEP.chunks
     session.abandon()
 
 
@@ -134,8 +134,8 @@ def test_a_recorder_that_is_started_again_knows_the_rounds_from_the_latest_plan(
     data = recording.plan(SWEEP, states=np.zeros(blocks.count, np.uint8), rounds=blocks.announce())
     again = Session(tmp_path / "run", cdr.decode("Plan", data), data, recording.NAMES, "8" * 16, time.time_ns())
     take(again, blocks, range(blocks.count))
-    assert len(again.inventory) == 3 * SWEEP.chunks * blocks.count
-    assert again.inventory.duplicates == 3 * SWEEP.chunks * first.count
+    assert len(again.stored) == 3 * SWEEP.chunks * blocks.count
+    assert again.stored.duplicates == 3 * SWEEP.chunks * first.count
     announce(again, blocks, PlanState.CLOSED, np.full(blocks.count, BlockState.DONE, np.uint8))
     again.close(time.time_ns())
     assert verify(tmp_path / "run")["ok"]

@@ -161,4 +161,4 @@ def test_a_block_that_nothing_says_came_to_the_disk_is_a_problem(tmp_path, monke
         session.take(topic, data, time.time_ns())
     session._whole.pop(1)
     recording.finish(session, SWEEP)
-    assert [p["what"] for p in verify(tmp_path / "run")["problems"]] == ["nothing says that it came to the disk"]
+    assert [p["what"] for p in verify(tmp_path / "run")["problems"]] == ["no receipt states that it is on the disk"]

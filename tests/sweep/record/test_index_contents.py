@@ -18,7 +18,7 @@ SWEEP = recording.small_sweep()
 
 
 def check(run):
-    return verify(run, judge=False, index=True)
+    return verify(run, classify=False, index=True)
 
 
 @pytest.fixture(scope="module")

@@ -58,11 +58,11 @@ def test_a_block_on_the_disk_is_receipted_again_until_the_plan_says_that_it_is_d
         if message := session.commit(time.time_ns()):
             said += receipts(message)
     assert session.commit(time.time_ns()) is None
-    session.say_again()
+    session.repeat_receipts()
     assert receipts(session.commit(time.time_ns())) == [(ReceiptKind.BLOCK, 1, 0, 1, 0)]
     data = recording.plan(SWEEP, states=np.array([0, 1, 0], np.uint8))
     session.plan(cdr.decode("Plan", data), data, time.time_ns())
-    session.say_again()
+    session.repeat_receipts()
     assert session.commit(time.time_ns()) is None
 
 
@@ -111,7 +111,7 @@ def test_duplicates_are_answered_and_not_stored(session, tmp_path):
         assert {entry[3] for entry in answers} == {2 if chunk is second else 1}
     recording.finish(session, SWEEP)
     assert stored(tmp_path / "run") == list(CHUNK.items())
-    assert session.inventory.duplicates == 6
+    assert session.stored.duplicates == 6
 
 
 def test_a_duplicate_that_differs_is_answered_with_the_stored_checksum_and_named(session, tmp_path):
@@ -283,7 +283,7 @@ def test_a_damaged_bag_is_mended_and_continued_and_lacks_only_what_was_damaged(r
     path.write_bytes(content)
     before = len(list(recording.everything(SWEEP)))
     again = recording.session(run, SWEEP, epoch=2)
-    assert before // 2 < len(again.inventory) < before
+    assert before // 2 < len(again.stored) < before
     for topic, data in recording.everything(SWEEP, attempt=2):
         take(again, topic, data)
     recording.finish(again, SWEEP, epoch=2)
@@ -313,7 +313,7 @@ def test_after_a_full_disk_the_bag_holds_what_was_committed_and_can_go_on(tmp_pa
     monkeypatch.undo()
     second = recording.session(run, SWEEP, epoch=2)
     assert second.report["files"][0]["was"] == "torn"
-    assert len(second.inventory) == 3
+    assert len(second.stored) == 3
     recording.finish(second, SWEEP, epoch=2)
     assert stored(run) == list(CHUNK.items())
 

@@ -148,7 +148,7 @@ def gone_on_with(directory: Path, sweep: object, remedies: int = 2) -> list[str]
             return said
         graph = SmallGraph(directory, sweep, again=True)
         graph.run()
-        return said + graph.said
+        return said + graph.log
     except RunError as error:
         text = str(error)
         assert str(directory) in text, text
@@ -226,7 +226,7 @@ def test_a_storm_of_it(histories, room, name, state, ops) -> None:
 def test_this_would_find_a_resume_that_believes_the_ledger(histories, room, monkeypatch) -> None:
     """The fault that all this is about: a deleted bag, a ledger that says done, and a map with holes."""
     monkeypatch.setattr("bow_sweep.coordinator.resume._differences", lambda *_: [])
-    monkeypatch.setattr("bow_sweep.coordinator.resume._agrees", lambda *_: True)
+    monkeypatch.setattr("bow_sweep.coordinator.resume._results_agree", lambda *_: True)
     of = histories["plain"]
     directory = befallen(room / "run", of, 0.5, [("deleted", "bag/bag_0.mcap", 0.0, 0)])
     with pytest.raises(AssertionError):

@@ -1,4 +1,4 @@
-"""`bow verify` on what lies beside the bag: map.npz, report.json and ledger.jsonl say what the bag says."""
+"""`bow verify` compares map.npz, report.json and ledger.jsonl with the bag."""
 
 import json
 from pathlib import Path
@@ -48,7 +48,7 @@ def test_a_changed_value_of_the_map_is_found_and_its_cell_named(run, name, place
     arrays[name][place] += 1
     np.savez(run / MAP, **arrays)
     cell = place[-2] * 4 + place[-1]
-    assert problems(run) == f"{name} is not what the verdicts say, in 1 places, first at cell {cell}"
+    assert problems(run) == f"{name} differs from the verdicts in 1 places, first at cell {cell}"
 
 
 @pytest.mark.parametrize("name", ["f_asym", "f_init_ratio", "test_periods"])
@@ -58,15 +58,15 @@ def test_a_changed_axis_of_the_map_is_found(run, name):
         arrays = dict(file)
     arrays[name][1] *= 2
     np.savez(run / MAP, **arrays)
-    assert problems(run) == f"{name} is not what the plan says"
+    assert problems(run) == f"{name} differs from the plan"
 
 
-def test_a_map_of_another_sweep_or_none_is_said_to_be_none(run):
+def test_a_map_of_another_sweep_or_no_map_is_a_problem(run):
     leave_all(run, SWEEP)
     with np.load(run / MAP) as file:
         arrays = dict(file)
     np.savez(run / MAP, **{**arrays, "sweep_id": np.array("f" * 16)})
-    assert problems(run) == "sweep_id is not what the plan says"
+    assert problems(run) == "sweep_id differs from the plan"
     del arrays["slips"]
     np.savez(run / MAP, **{**arrays, "corners": arrays["corners"][:2]})
     assert "holds no slips" in problems(run)
@@ -86,7 +86,7 @@ def test_cells_of_a_block_given_up_may_hold_what_was_known_of_them_but_no_length
     assert problems(tmp_path) == ""
     arrays["transient_periods"].flat[7] = 5
     np.savez(tmp_path / MAP, **arrays)
-    assert "transient_periods is not what the verdicts say, in 1 places, first at cell 7" in problems(tmp_path)
+    assert "transient_periods differs from the verdicts in 1 places, first at cell 7" in problems(tmp_path)
 
 
 def changed_report(run: Path, change) -> str:
@@ -105,7 +105,7 @@ def test_every_entry_of_the_report_that_the_bag_knows_is_held_against_it(run):
     assert {"cells", "settings", "helmholtz_fraction", "median_transient_periods", "playability"} <= known
     for name in known:
         (run / REPORT).write_text(json.dumps({**right, name: 7.5}))
-        assert problems(run).startswith(f"{name} is 7.5, the bag says "), name
+        assert problems(run).startswith(f"{name} is 7.5, in the bag it is "), name
         (run / REPORT).write_text(json.dumps({key: value for key, value in right.items() if key != name}))
         assert problems(run) == f"holds no {name}"
 
@@ -133,9 +133,9 @@ def test_the_ledger_is_held_against_the_bag(run):
         return problems(run)
 
     assert said(*lines, tail='{"event": "disp') == ""  # cut off by a crash
-    assert "the ledger says outstanding, the plan in the bag done" in said(*lines[:-1])
+    assert "is outstanding in the ledger, done in the plan of the bag" in said(*lines[:-1])
     for name, other in (("run_id", "f" * 16), ("settings", ["x.count=4"]), ("preset", "fig11d")):
         changed = json.dumps({**json.loads(lines[0]), name: other})
-        assert f"{name} is {json.dumps(other)}, the bag says" in said(changed, *lines[1:])
+        assert f"{name} is {json.dumps(other)}, in the bag it is" in said(changed, *lines[1:])
     assert "line 1 is no entry" in said("rubbish", *lines)
     assert "does not begin with the plan" in said(*lines[1:])

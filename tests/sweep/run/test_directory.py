@@ -1,4 +1,4 @@
-"""A run directory survives what happens to it, and refuses what it is not."""
+"""A run directory can be read after crashes; a directory that is not one is refused."""
 
 import json
 import multiprocessing
@@ -13,8 +13,9 @@ from bow_sweep.coordinator.results import writing
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.new_directory import never_began
-from bow_sweep.run.directory import LEDGER, PICTURE, Run, RunError, digest, is_finished, lock, read_ledger
+from bow_sweep.run.directory import LEDGER, PICTURE, Run, RunError, digest, is_finished, read_ledger
 from bow_sweep.run.ledger import State
+from bow_sweep.run.lock import take
 
 SMALL = ["x.count=4", "y.count=2", "block_cells=4", "periods=10"]
 
@@ -39,7 +40,7 @@ def test_a_run_can_be_resumed_with_its_sweep_and_its_account(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("torn", [b'{"event": "done", "bl', b"\x00\xff", b"{"])
-def test_a_line_torn_by_a_crash_is_no_entry_and_does_not_spoil_the_next(tmp_path: Path, torn: bytes) -> None:
+def test_a_line_cut_off_by_a_crash_is_left_out_and_the_next_entry_begins_a_line(tmp_path: Path, torn: bytes) -> None:
     small_run(tmp_path / "run").close()
     path = tmp_path / "run" / LEDGER
     path.write_bytes(path.read_bytes() + torn)
@@ -69,7 +70,7 @@ def test_a_directory_without_a_run_and_one_with_a_run_are_told_apart(tmp_path: P
         small_run(tmp_path / "run")
 
 
-def test_another_kernel_does_not_go_on_with_a_run(tmp_path: Path) -> None:
+def test_a_run_is_not_resumed_with_another_kernel(tmp_path: Path) -> None:
     small_run(tmp_path / "run").close()
     path = tmp_path / "run" / LEDGER
     plan = json.loads(path.read_text())
@@ -81,13 +82,13 @@ def test_another_kernel_does_not_go_on_with_a_run(tmp_path: Path) -> None:
 
 def _try_lock(directory: str, answers: "multiprocessing.Queue[str]") -> None:
     try:
-        lock(Path(directory), "coordinator")
+        take(Path(directory), "coordinator")
         answers.put("got it")
     except RunError as error:
         answers.put(str(error))
 
 
-def test_two_processes_do_not_hold_the_same_run(tmp_path: Path) -> None:
+def test_two_processes_do_not_lock_the_same_run(tmp_path: Path) -> None:
     run = small_run(tmp_path / "run")
     context = multiprocessing.get_context("spawn")
     answers: multiprocessing.Queue[str] = context.Queue()
@@ -113,18 +114,18 @@ def test_the_report_accounts_for_every_cell(tmp_path: Path) -> None:
     assert {"numpy", "numba", "llvmlite", "python"} <= set(report["versions"])
 
 
-def test_a_file_is_replaced_whole_or_stays_the_old_one(tmp_path: Path) -> None:
+def test_a_file_is_replaced_completely_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "f"
     with replacing(path) as file:
         file.write(b"old")
 
-    def die() -> None:
+    def interrupted() -> None:
         with replacing(path) as file:
             file.write(b"ne")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        die()
+        interrupted()
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -156,13 +157,13 @@ def test_transient_length_is_the_first_test_passed_and_a_later_failure_does_not_
     assert basin.regime_counts().sum() == 3
 
 
-def test_a_disk_that_does_not_take_the_results_is_named_with_what_to_do(tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_are_an_error_with_a_remedy(tmp_path: Path) -> None:
     what = r"No space left on device; every block is done and in the bag: make room, then resume"
     with pytest.raises(RunError, match=what), writing(tmp_path):
         raise OSError(28, "No space left on device", "map.png")
 
 
-def test_the_report_knows_the_picture_that_it_was_written_with(tmp_path: Path) -> None:
+def test_the_report_has_the_hash_of_its_picture(tmp_path: Path) -> None:
     run = small_run(tmp_path / "run")
     assert run.report(Basin(4, 2, 2), 1.0, {})["picture"] is None
     (tmp_path / "run" / PICTURE).write_bytes(b"picture")
@@ -181,7 +182,7 @@ def test_a_block_that_was_reopened_and_is_done_again_is_settled(tmp_path: Path) 
     run.close()
 
 
-def test_a_ledger_is_there_with_its_plan_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_ledger_appears_together_with_its_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
 
     def killed_here(source: Path, target: Path) -> None:

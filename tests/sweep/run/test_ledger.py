@@ -78,23 +78,23 @@ def test_a_block_is_not_done_while_one_answer_is_missing(missing: str) -> None:
     assert ledger.count(State.DONE) == 1
 
 
-def test_only_the_block_being_computed_is_suspect_when_its_simulator_dies() -> None:
+def test_only_the_block_being_computed_is_suspect_when_its_simulator_crashes() -> None:
     ledger = Ledger(2, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     ledger.handle(L.SimulatorLost("a", "killed"), 0)
     assert [block.crashes for block in ledger.blocks] == [1, 0]
 
 
-def test_a_block_that_is_done_is_not_blamed_for_the_next() -> None:
+def test_a_block_that_is_done_is_not_suspect_for_the_crash_of_the_next() -> None:
     ledger = Ledger(2, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
-    answer(ledger, 0)  # its result is still under way when the simulator dies of the next one
+    answer(ledger, 0)  # the report that it is finished has not arrived when the simulator crashes on the next one
     ledger.handle(L.SimulatorLost("a", "SIGSEGV"), 0)
     assert [block.crashes for block in ledger.blocks] == [0, 1]
     assert ledger.blocks[1].crashes_alone == 1
 
 
-def test_our_own_kills_blame_nobody() -> None:
+def test_a_simulator_that_was_stopped_makes_no_block_suspect() -> None:
     ledger = Ledger(2, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     ledger.handle(L.SimulatorLost("a", "stopped", blame=False), 0)
@@ -180,11 +180,11 @@ def test_a_block_that_only_waits_for_the_disk_is_not_computed_again_at_once() ->
     assert [d.attempt for d in dispatches(ledger.handle(L.Tick(), 2 + L.DISK_S))] == [2]
 
 
-def test_resume_takes_what_the_bag_showed() -> None:
+def test_resume_takes_the_entries_that_the_bag_made() -> None:
     records = [
         {"event": "done", "block": 0},
         {"event": "reopened", "block": 0, "why": "chunk 0: no bridge_force", "attempt": 4, "epoch": 7},
-        {"event": "done", "block": 1, "why": "found whole in the bag", "attempt": 2},
+        {"event": "done", "block": 1, "why": "found complete in the bag", "attempt": 2},
     ]
     again = Ledger.resume(2, CHUNKS, records)
     assert again.epoch == 8
@@ -192,7 +192,7 @@ def test_resume_takes_what_the_bag_showed() -> None:
     assert [(d.block, d.attempt) for d in dispatches(again.handle(L.SimulatorReady("b"), 0))] == [(0, 5)]
 
 
-def test_a_refused_block_is_given_to_another() -> None:
+def test_a_refused_block_goes_to_another_simulator() -> None:
     ledger = Ledger(1, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     out = ledger.handle(L.SimulatorReady("b"), 0)
@@ -201,7 +201,7 @@ def test_a_refused_block_is_given_to_another() -> None:
     assert ledger.in_flight == {"b": [0]}
 
 
-def test_the_late_end_of_an_older_attempt_changes_nothing() -> None:
+def test_a_late_report_of_an_older_attempt_changes_nothing() -> None:
     ledger = Ledger(1, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     ledger.handle(L.ConsumerRestarted("recorder"), 0)
@@ -232,14 +232,14 @@ class Sweeping(RuleBasedStateMachine):
         self.records: list = []
         self.now = 0.0
         self.names = 0
-        self.seen: set[int] = set()
+        self.synced: set[int] = set()
 
     def follow(self, event: L.Event) -> None:
-        """Note which blocks the recorder of today has seen on the disk."""
+        """Note which blocks are on the disk since the recorder was started."""
         if isinstance(event, L.ConsumerRestarted):
-            self.seen.clear()
+            self.synced.clear()
         if isinstance(event, L.OnDisk):
-            self.seen.add(event.block)
+            self.synced.add(event.block)
 
     def do(self, event: L.Event) -> None:
         before = [block.state for block in self.ledger.blocks]
@@ -247,7 +247,7 @@ class Sweeping(RuleBasedStateMachine):
         out = self.ledger.handle(event, self.now)
         for item in out:
             if isinstance(item, L.Settled) and item.state is State.DONE:
-                assert item.block in self.seen, "done is only what has been seen on the disk since the last restart"
+                assert item.block in self.synced, "a block is done only when it is on the disk since the last restart"
         self.records += [item.entry for item in out if isinstance(item, L.Record)]
         for old, block in zip(before, self.ledger.blocks, strict=False):
             if old in (State.DONE, State.QUARANTINED):
@@ -275,7 +275,7 @@ class Sweeping(RuleBasedStateMachine):
         self.do(L.Receipted(block, chunk, verdict_sum(block, chunk), True))
 
     @rule(block=st.integers(0, 7))
-    def see_on_disk(self, block: int) -> None:
+    def sync(self, block: int) -> None:
         self.do(L.OnDisk(block))
 
     @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS))
@@ -303,10 +303,10 @@ class Sweeping(RuleBasedStateMachine):
         assert self.ledger.finished == (outstanding == 0)
 
     @invariant()
-    def no_block_is_in_two_hands_and_no_hand_is_overfull(self) -> None:
-        held = [block for hand in self.ledger.in_flight.values() for block in hand]
+    def no_block_is_in_flight_twice_and_no_simulator_has_too_many(self) -> None:
+        held = [block for blocks in self.ledger.in_flight.values() for block in blocks]
         assert len(held) == len(set(held))
-        assert all(len(hand) <= L.MAX_IN_FLIGHT for hand in self.ledger.in_flight.values())
+        assert all(len(blocks) <= L.MAX_IN_FLIGHT for blocks in self.ledger.in_flight.values())
 
     @invariant()
     def a_resumed_ledger_has_the_same_account(self) -> None:
@@ -322,7 +322,7 @@ TestSweeping = Sweeping.TestCase
 TestSweeping.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
 
 
-def test_a_plan_that_grows_has_more_blocks_due_and_they_are_handed_out_at_once() -> None:
+def test_the_blocks_of_another_round_are_due_and_are_sent_at_once() -> None:
     ledger = Ledger(2, CHUNKS)
     ledger.handle(L.SimulatorReady("a"), 0)
     for block in (0, 1):
@@ -338,7 +338,7 @@ def test_a_plan_that_grows_has_more_blocks_due_and_they_are_handed_out_at_once()
     assert ledger.finished
 
 
-def test_blocks_that_were_there_before_the_plan_grew_stay_as_they_are() -> None:
+def test_blocks_of_earlier_rounds_stay_as_they_are() -> None:
     ledger = Ledger(3, CHUNKS)
     answer(ledger, 1)
     ledger.handle(L.Grown(4), 0)

@@ -1,4 +1,4 @@
-"""The rounds of an adaptive sweep: on disk before they begin, the same after a crash, and a map filled in the end."""
+"""Rounds of an adaptive sweep: recorded before they begin, the same after a crash, with a complete map at the end."""
 
 import json
 from pathlib import Path
@@ -22,13 +22,13 @@ HELMHOLTZ, NEVER = REGIMES.index("helmholtz"), REGIMES.index("aperiodic")
 
 
 def terrain(cells: np.ndarray) -> np.ndarray:
-    """Helmholtz motion right of a slanting line."""
+    """Return regimes: Helmholtz motion right of a sloping line."""
     y, x = np.divmod(cells, 16)
     return np.where(x > 5 + y / 2, HELMHOLTZ, NEVER)
 
 
 def settle(run: Run, basin: Basin, state: State = State.DONE) -> None:
-    """All open blocks of a run are computed, or given up."""
+    """Settle all due blocks of a run: done or quarantined."""
     for number, block in enumerate(run.ledger.blocks):
         if block.state is State.DUE:
             cells = run.blocks.block(number)
@@ -86,7 +86,7 @@ def test_the_account_grows_with_the_rounds_and_always_balances(tmp_path: Path) -
     run.close()
 
 
-def test_a_run_cut_off_in_a_round_goes_on_to_the_same_rounds(tmp_path: Path) -> None:
+def test_a_run_interrupted_in_a_round_is_resumed_with_the_same_rounds(tmp_path: Path) -> None:
     run, basin = begun(tmp_path / "one")
     to_the_end(run, basin)
     other, again = begun(tmp_path / "other")
@@ -103,7 +103,7 @@ def test_a_run_cut_off_in_a_round_goes_on_to_the_same_rounds(tmp_path: Path) -> 
     other.close()
 
 
-def test_a_run_cut_off_before_its_first_round_is_on_disk_begins_with_it(tmp_path: Path) -> None:
+def test_a_run_interrupted_before_its_first_round_is_recorded_begins_with_it(tmp_path: Path) -> None:
     run, _ = begun(tmp_path / "run")
     run.close()
     path = tmp_path / "run" / LEDGER
@@ -115,7 +115,7 @@ def test_a_run_cut_off_before_its_first_round_is_on_disk_begins_with_it(tmp_path
 
 
 @pytest.mark.parametrize("cells", [[0], [500], [3, 2], "x", []])
-def test_a_ledger_with_a_round_that_cannot_be_is_refused(tmp_path: Path, cells: object) -> None:
+def test_a_ledger_with_an_impossible_round_is_refused(tmp_path: Path, cells: object) -> None:
     run, _ = begun(tmp_path / "run")
     run.record([{"event": "round", "round": 2, "cells": cells, "blocks": 9}])
     run.close()
@@ -133,7 +133,7 @@ def test_a_run_is_not_finished_while_a_round_is_open(tmp_path: Path) -> None:
     run.close()
 
 
-def test_the_map_is_filled_and_says_which_cells_were_simulated(tmp_path: Path) -> None:
+def test_the_map_is_predicted_elsewhere_and_states_which_cells_were_simulated(tmp_path: Path) -> None:
     run, basin = begun(tmp_path / "run")
     to_the_end(run, basin)
     report = run.report(basin, 1.0, {})
@@ -150,7 +150,7 @@ def test_the_map_is_filled_and_says_which_cells_were_simulated(tmp_path: Path) -
     run.close()
 
 
-def test_a_block_given_up_stays_unknown_and_is_not_made_up(tmp_path: Path) -> None:
+def test_a_quarantined_block_is_not_predicted(tmp_path: Path) -> None:
     run, basin = begun(tmp_path / "run")
     run.ledger.blocks[0].state = State.QUARANTINED
     lost = run.blocks.block(0)

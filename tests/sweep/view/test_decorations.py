@@ -41,7 +41,7 @@ def test_only_the_frame_touches_the_map(nx, ny):
 
 def test_y_points_up():
     made = decorations.surroundings(snapshot(128, 64))
-    heights = {word: place[1] for word, place in zip(made.words, made.places, strict=True) if place[0] < 0}
+    heights = {word: place[1] for word, place in zip(made.labels, made.places, strict=True) if place[0] < 0}
     assert heights["0"] > heights["1"] > heights["2"]
     lowest = next(line for line in made.lines[1:] if line[0, 0] == 0 and line[0, 1] > 63)
     assert lowest[0, 1] == pytest.approx(63.5)  # y = 0 is the middle of the lowest row
@@ -54,11 +54,11 @@ def test_the_bar_has_the_colours_of_the_map_and_says_what_black_and_grey_are():
     wanted = {tuple(int(channel) for channel in transient_colours(length, 100)) for length in range(5, 105, 5)}
     assert shown == wanted | {BLACK, GREY}
     assert tuple(column[0, :3]) == tuple(transient_colours(100, 100))  # long ones on top
-    assert {"never", "pending", "100", "20", "5"} <= set(made.words)
+    assert {"never", "pending", "100", "20", "5"} <= set(made.labels)
 
 
 def test_the_regimes_have_their_names_beside_their_colours():
-    words = decorations.regime_decorations(snapshot()).words
+    words = decorations.regime_decorations(snapshot()).labels
     assert {"Helmholtz", "multiple slip", "aperiodic", "pending"} <= set(words)
 
 

@@ -1,4 +1,4 @@
-"""What of a run is drawn when, and what its accounts say."""
+"""What is drawn of a run, and when; its status page."""
 
 import time
 
@@ -137,7 +137,7 @@ def test_a_map_costs_a_sweep_next_to_nothing(tmp_path):
     shown.map(maps[0])  # draws the axes
     began = time.process_time()
     for values in maps:
-        shown._rest_until = 0.0
+        shown._next_draw_at = 0.0
         shown.map(values)
     shown.finish([])
     assert shown.drawn == 17

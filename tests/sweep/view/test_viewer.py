@@ -36,7 +36,7 @@ def shown(tmp_path_factory) -> Path:
     """A finished recording of a small map, some of it pending, with two inspected cells."""
     show = Show(tmp_path_factory.mktemp("run"), plan(nx=16, ny=8), warn=pytest.fail)
     for computed in (32, 64, 112):
-        show._rest_until = 0.0
+        show._next_draw_at = 0.0
         show.map(basin_map(16, 8, computed))
         time.sleep(0.05)
     for chunk in range(20):

@@ -1,0 +1,5 @@
+"""The error of a run directory."""
+
+
+class RunError(Exception):
+    """A run directory cannot be used as asked; the message says which, why, and what would be right."""

@@ -1,0 +1,57 @@
+"""The end of a run waits for the recorder, and only for a bounded time for a dashboard or a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bow_sim.protocol.states import NodeState
+from bow_sweep.coordinator import results
+from bow_sweep.coordinator.closing import CLOSE_S, DRAW_S, IDLE_S, waits_for
+
+RUN = "a" * 16
+
+
+def test_a_closing_run_does_not_wait_for_a_dashboard_that_was_left_out_or_hangs() -> None:
+    def node(role: str, state: int, run_id: str = RUN) -> Any:
+        return SimpleNamespace(role=role, state=state, run_id=run_id)
+
+    recorded = node("recorder", NodeState.CLOSED)
+    assert waits_for([node("recorder", NodeState.BUSY)], RUN, 1, True) == "recorder"
+    assert waits_for([recorded], RUN, 1, True) == "dashboard", "it may be starting"
+    assert waits_for([recorded], RUN, 1, False) == ""
+    for state in (NodeState.CLOSED, NodeState.FAILED, NodeState.DEAD):
+        assert waits_for([recorded, node("dashboard", state)], RUN, 1, True) == ""
+    assert waits_for([recorded, node("dashboard", NodeState.DEAD, "")], RUN, 1, True) == "", (
+        "left out before it had a run"
+    )
+    for state in (NodeState.STARTING, NodeState.BUSY):
+        hangs = [recorded, node("dashboard", state)]
+        assert waits_for(hangs, RUN, IDLE_S + 1, True) == "dashboard"
+        assert waits_for(hangs, RUN, DRAW_S + 1, True) == ""
+    busy = [node("recorder", NodeState.BUSY), node("dashboard", NodeState.BUSY)]
+    assert waits_for(busy, RUN, DRAW_S + 1, True) == "recorder"
+    assert waits_for(busy, RUN, CLOSE_S + 1, True) == ""
+
+
+@pytest.mark.parametrize("error", [ImportError("matplotlib is broken"), OSError(28, "No space left on device")])
+def test_all_other_results_are_written_if_the_picture_cannot_be_drawn(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = []
+
+    def draw(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(results, "map_of", lambda *_: None)
+    monkeypatch.setattr(results, "write_map_npz", lambda path, _: written.append(path))
+    monkeypatch.setattr(results, "draw_map", draw)
+    old = tmp_path / "map.png"
+    old.touch()
+    why = results.write_results(SimpleNamespace(directory=tmp_path), None)  # type: ignore[arg-type]
+    assert why == f"{old}: {error}"
+    assert written == [tmp_path / "map.npz"]
+    assert not old.exists(), "it may show an earlier state"
