@@ -10,7 +10,6 @@ from typing import Any
 from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, Block, Health, Plan, Receipt, Verdicts
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.action import ActionServer, CancelResponse
 from sensor_msgs.msg import Image
 
@@ -73,11 +72,13 @@ class CoordinatorNode(BowNode):
             "resume": "directory of a run to resume at once",
         }
         defaults = {"runs_dir": "runs"}
-        text = {name: self._declared(name, defaults.get(name, ""), what) for name, what in texts.items()}
-        settings = self._declared("settings", [""], '"name=value" settings over the preset')
-        self._once = self._declared("once", False, "end this process when the first run is finished")
-        shown = self._declared("dashboard", False, "a dashboard was started: end a run only when it has drawn it")
-        self._locks = self._declared("lock", True, "lock run directories; false: not, for file systems without locks")
+        text = {name: self.read_parameter(name, defaults.get(name, ""), what) for name, what in texts.items()}
+        settings = self.read_parameter("settings", [""], '"name=value" settings over the preset')
+        self._once = self.read_parameter("once", False, "end this process when the first run is finished")
+        shown = self.read_parameter("dashboard", False, "a dashboard was started: end a run only when it has drawn it")
+        self._locks = self.read_parameter(
+            "lock", True, "lock run directories; false: not, for file systems without locks"
+        )
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._goals: dict[bytes, Any] = {}
         self._results: dict[bytes, RunSweep.Result] = {}
@@ -123,9 +124,6 @@ class CoordinatorNode(BowNode):
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
         prepare()  # now, while the other nodes start
-
-    def _declared(self, name: str, default: Any, what: str) -> Any:
-        return self.declare_parameter(name, default, ParameterDescriptor(description=what, read_only=True)).value
 
     def _create_run(self, sweep: Sweep) -> Run:
         """Create the directory of a run; `run_id` and `run_dir` count for the first one only."""
