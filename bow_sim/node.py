@@ -64,10 +64,10 @@ class SimulatorNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("simulator", f"simulator_{random_id()[:8]}")  # unique on all machines
-        credit = self.declared(
+        credit = self.read_parameter(
             "credit", LIMIT, "chunks under way at most that are not both receipted and judged", between=(1, LIMIT)
         )
-        inspected = self.declared(
+        inspected = self.read_parameter(
             "inspect", [0], "cells whose bridge force also goes out on `inspect`, for the dashboard"
         )
         self._inspected = inspected or ()
@@ -104,13 +104,13 @@ class SimulatorNode(BowNode):
         self._check_readers()
 
     def _on_receipt(self, data: bytes) -> None:
-        receipt = self.decoded("Receipt", data)
+        receipt = self.decode("Receipt", data)
         if receipt is not None:
             self.heard("receipts", receipt["incarnation"])
             self._handle(ReceiptReceived(receipt))
 
     def _on_block(self, data: bytes) -> None:
-        message = self.decoded("Block", data)
+        message = self.decode("Block", data)
         if message is not None:
             self.heard("blocks", message["coordinator"])
             self._handle(BlockReceived(message))

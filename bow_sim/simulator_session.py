@@ -91,7 +91,7 @@ class SimulatorSession:
         self.incarnation = incarnation
         self.run = NO_RUN
         self.epoch = 0
-        self.state, self.detail = NodeState.STARTING, ""
+        self.state, self.detail, self._stated_run = NodeState.STARTING, "", ""
         self._fingerprint, self._works_for, self._prepare = fingerprint, works_for, prepare
         self._window = Window(credit)
         self._settled: frozenset[int] = frozenset()
@@ -251,9 +251,9 @@ class SimulatorSession:
             self._set_state(NodeState.BUSY if self._held else NodeState.READY, "", out)
 
     def _set_state(self, state: NodeState, detail: str, out: list[Instruction]) -> None:
-        if (self.state, self.detail) != (state, detail):
-            self.state, self.detail = state, detail
-            out.append(SetState(state, detail, self.run[0]))
+        if (self.state, self.detail, self._stated_run) != (state, detail, self.run[0]):
+            self.state, self.detail, self._stated_run = state, detail, self.run[0]
+            out.append(SetState(state, detail, self._stated_run))
 
     # ---- computing and publishing
 

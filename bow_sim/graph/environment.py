@@ -38,7 +38,7 @@ def prepare() -> None:
     If variables of :data:`AT_START` are wrong, the same command is started again in this process (execve).
     """
     open_streams()
-    _be_somewhere()
+    _leave_removed_directory()
     if signal.getsignal(signal.SIGCHLD) is signal.SIG_IGN:  # exit statuses of children would be lost
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     _find_title()
@@ -59,7 +59,7 @@ def _find_title() -> None:
     setproctitle.getproctitle()
 
 
-def _be_somewhere() -> None:
+def _leave_removed_directory() -> None:
     """Leave a working directory that was removed, because libraries ask for it; no file can be created in /proc."""
     try:
         os.getcwd()
@@ -152,7 +152,7 @@ def _has_packages(directory: str) -> bool:
     return any(name.startswith(_PACKAGES) or name.endswith(_INTERFACES) for name in _names(directory) if directory)
 
 
-def settle() -> str:
+def clean() -> str:
     """Correct the environment of this process for a graph; call it before processes or directories are created.
 
     Returns

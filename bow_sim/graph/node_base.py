@@ -128,7 +128,7 @@ class BowNode(Node):
         """Return the system time as a stamp."""
         return Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
 
-    def declared(self, name: str, default: Any, what: str, between: tuple[int, int] | None = None) -> Any:
+    def read_parameter(self, name: str, default: Any, what: str, between: tuple[int, int] | None = None) -> Any:
         """Declare a read-only parameter, described by `what`, and return its value."""
         descriptor = ParameterDescriptor(description=what, read_only=True)
         if between is not None:
@@ -142,7 +142,7 @@ class BowNode(Node):
         self.health.ignored += 1
         self.get_logger().warning(f"ignored: {why}", throttle_duration_sec=LOG_AGAIN_S)
 
-    def decoded(self, name: str, data: bytes) -> dict[str, Any] | None:
+    def decode(self, name: str, data: bytes) -> dict[str, Any] | None:
         """Return the fields of a message that carries no checksum; None if the bytes are not such a message."""
         try:
             return cdr.decode(name, data)
@@ -154,7 +154,7 @@ class BowNode(Node):
         """Subscribe to `plan`; `take` gets each plan that is to be obeyed, decoded and as bytes."""
 
         def on_plan(data: bytes) -> None:
-            plan = self.decoded("Plan", data)
+            plan = self.decode("Plan", data)
             if plan is None:
                 return
             why = self.authority.objection(plan)

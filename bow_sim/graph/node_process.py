@@ -84,7 +84,7 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
         return 0
     environment.open_streams()
     try:
-        ignored = environment.settle()
+        ignored = environment.clean()
     except environment.EnvironmentProblem as error:
         print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
         return 2

@@ -30,7 +30,7 @@ def environment_is_ready() -> bool:
         Whether a graph can start.
     """
     try:
-        ignored = environment.settle()
+        ignored = environment.clean()
     except environment.EnvironmentProblem as error:
         fail(str(error))
         return False

@@ -72,11 +72,13 @@ class CoordinatorNode(BowNode):
             "resume": "directory of a run to resume at once",
         }
         defaults = {"runs_dir": "runs"}
-        text = {name: self.declared(name, defaults.get(name, ""), what) for name, what in texts.items()}
-        settings = self.declared("settings", [""], '"name=value" settings over the preset')
-        self._once = self.declared("once", False, "end this process when the first run is finished")
-        shown = self.declared("dashboard", False, "a dashboard was started: end a run only when it has drawn it")
-        self._locks = self.declared("lock", True, "lock run directories; false: not, for file systems without locks")
+        text = {name: self.read_parameter(name, defaults.get(name, ""), what) for name, what in texts.items()}
+        settings = self.read_parameter("settings", [""], '"name=value" settings over the preset')
+        self._once = self.read_parameter("once", False, "end this process when the first run is finished")
+        shown = self.read_parameter("dashboard", False, "a dashboard was started: end a run only when it has drawn it")
+        self._locks = self.read_parameter(
+            "lock", True, "lock run directories; false: not, for file systems without locks"
+        )
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._goals: dict[bytes, Any] = {}
         self._results: dict[bytes, RunSweep.Result] = {}

@@ -69,12 +69,14 @@ class RecorderNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        runs_dir = self.declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
-        run_dir = self.declared("run_dir", "", "exact run directory, instead of one below runs_dir")
-        self._sync = self.declared(
+        runs_dir = self.read_parameter("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self.read_parameter("run_dir", "", "exact run directory, instead of one below runs_dir")
+        self._sync = self.read_parameter(
             "sync", True, "report a block as stored only when it is on the disk; false: when it is in the file"
         )
-        self._locks = self.declared("lock", True, "lock run directories; false: not, for file systems without locks")
+        self._locks = self.read_parameter(
+            "lock", True, "lock run directories; false: not, for file systems without locks"
+        )
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None

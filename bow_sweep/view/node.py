@@ -53,13 +53,15 @@ class DashboardNode(BowNode):
 
     def __init__(self) -> None:
         super().__init__("dashboard")
-        runs_dir = self.declared("runs_dir", "runs", "directory of the run directories, each named by its run_id")
-        run_dir = self.declared("run_dir", "", "exact run directory, instead of one below runs_dir")
+        runs_dir = self.read_parameter("runs_dir", "runs", "directory of the run directories, each named by its run_id")
+        run_dir = self.read_parameter("run_dir", "", "exact run directory, instead of one below runs_dir")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
-        self._view = self.declared("view", False, "open the live viewer when a sweep opens")
-        self._port = self.declared("port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", (0, 65535))
+        self._view = self.read_parameter("view", False, "open the live viewer when a sweep opens")
+        self._port = self.read_parameter(
+            "port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", (0, 65535)
+        )
         memory = "what the server keeps for viewers that come late, such as 256MiB, 1GB or 10%"
-        self._memory = self.declared("server_memory", "256MiB", memory)
+        self._memory = self.read_parameter("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
         self._live: LiveRun | None = None

@@ -13,7 +13,7 @@ strangers, of other runs and epochs. It holds
 * what is unanswered is sent again while both consumers are alive, never after it was answered or settled, and never
   while the worker has other work;
 * a hello goes out only if nothing is under way, and only in a run;
-* the simulator is ready only in a run whose consumers receive its streams;
+* the simulator is ready only in a run whose consumers receive its streams, and names that run;
 * publishers are created again only after they failed.
 """
 
@@ -84,6 +84,7 @@ class Sessions(RuleBasedStateMachine):
         self.work: deque[ComputeChunk | Publish] = deque()
         self.seen: list[dict[str, Any]] = []
         self.alive = self.failed = self.readers_receive = False
+        self.stated_run, self.sent_again = "", []
         self.take_plan(plan())
         self.check_readers(True, True)
 
@@ -139,18 +140,21 @@ class Sessions(RuleBasedStateMachine):
                     assert self.alive
                     assert rests
                     assert messages in [sent for sent, _ in self.unanswered.values()]
+                    self.sent_again.append(messages)
                 case Publish(messages):
                     assert messages == HELLO
                     assert not self.unanswered
                     assert self.run != NO_RUN
-                case SetState(state):
+                case SetState(state, _, run_id):
                     assert state not in WORKING or self.readers_receive
+                    self.stated_run = run_id
                 case RecreatePublishers():
                     assert self.failed
                     self.failed = False
             if isinstance(item, ComputeChunk | Publish):
                 self.work.append(item)
         self.what_is_held_and_under_way_is_bounded()
+        assert self.stated_run == self.run[0]
         return out
 
     @rule(
@@ -208,17 +212,21 @@ class Sessions(RuleBasedStateMachine):
     ) -> None:
         self.take_block(block(number, attempt, run, epoch=self.epoch + later, **changes))
 
-    @precondition(lambda self: self.run != NO_RUN)
     @rule(
         numbers=st.lists(st.integers(0, BLOCKS - 1), min_size=1, max_size=3),
         attempt=st.integers(1, 2),
         later=st.sampled_from([0, 0, 0, 0, 1]),
+        steps=st.integers(0, 8),
     )
-    def receive_blocks_of_the_run(self, numbers: list[int], attempt: int, later: int) -> None:
-        if not self.readers_receive:
-            self.check_readers(True, True)
+    def receive_blocks_of_the_run(self, numbers: list[int], attempt: int, later: int, steps: int) -> None:
+        """All is well: the coordinator in charge sends blocks to a simulator that is ready."""
+        self.living = {(COORDINATOR, run) for run, _ in RUNS}
+        if self.run == NO_RUN:
+            self.take_plan(plan(epoch=10 + len(self.seen)))
+        self.check_readers(True, True)
         for number in numbers:
             self.take_block(block(number, attempt, self.run, epoch=self.epoch + later))
+        self.worker_goes_on(steps, fails=False)
 
     def take_block(self, message: dict[str, Any]) -> None:
         self.seen.append(message)
@@ -259,12 +267,12 @@ class Sessions(RuleBasedStateMachine):
     @rule(
         keys=st.lists(st.tuples(st.integers(0, BLOCKS - 1), st.integers(0, CHUNKS), st.sampled_from(ReceiptKind))),
         unanswered=st.integers(0, 2),
-        run=st.sampled_from(["own", "own", "another sweep", "another"]),
     )
-    def receive_receipt(self, keys: list[tuple[int, int, int]], unanswered: int, run: str) -> None:
+    def receive_receipt(self, keys: list[tuple[int, int, int]], unanswered: int) -> None:
+        """The same receipt comes for another sweep, for another run, and for the run in progress."""
         keys += [(*key, kind) for key in list(self.unanswered)[:unanswered] for kind in (0, 1)]
-        runs = {"own": self.run, "another sweep": (self.run[0], "s9"), "another": ("r9", self.run[1])}
-        self.take_receipt(receipt(keys, runs[run]))
+        for run in ((self.run[0], "s9"), ("r9", self.run[1]), self.run):
+            self.take_receipt(receipt(keys, run))
 
     def take_receipt(self, message: dict[str, Any]) -> None:
         self.seen.append(message)
@@ -304,16 +312,17 @@ class Sessions(RuleBasedStateMachine):
         else:
             self.tell(ChunkComputed(chunk_messages(instruction)))
 
-    @rule(seconds=st.sampled_from([0.1, 1.0, RESEND_S + 0.1]), alive=st.booleans())
-    def worker_is_idle(self, seconds: float, alive: bool) -> None:
-        self.check_readers(self.readers_receive, alive)
+    @rule(seconds=st.sampled_from([RESEND_S + 0.1, 0.1, 1.0]))
+    def worker_is_idle(self, seconds: float) -> None:
+        """The worker has done its work; while no consumer answers, consumers that are not alive come back."""
         while self.work:
             self.worker_does_its_next_work(False)
-        self.now += seconds
-        out = self.tell(WorkerIdle())
-        if seconds > RESEND_S and self.alive:  # nobody has answered in this time
-            again = [item.messages for item in out if isinstance(item, Publish) and item.again]
-            assert again == [sent for sent, _ in self.unanswered.values()]
+        self.sent_again = []
+        for alive in (False, True):
+            self.check_readers(self.readers_receive, alive)
+            self.now += seconds
+            self.tell(WorkerIdle())
+        assert self.sent_again == [sent for sent, _ in self.unanswered.values()] or seconds < RESEND_S
 
     @rule(seconds=st.sampled_from([0.1, UNCONFIRMED_S + 0.1]))
     def pass_time(self, seconds: float) -> None:

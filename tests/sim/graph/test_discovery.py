@@ -1,4 +1,4 @@
-"""A graph stays on its machine unless the environment asks for more; then the profile goes with it."""
+"""A graph stays on its machine unless the environment names more; the profile follows from that."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ import pytest
 from bow_sim.graph import discovery
 
 
-def test_without_a_word_it_is_this_machine_alone() -> None:
+def test_by_default_it_is_this_machine_alone() -> None:
     said = discovery.defaults({})
     assert said[discovery.RANGE] == "LOCALHOST"
     assert said[discovery.PROFILE].endswith("/config/fastdds.xml")
@@ -24,7 +24,7 @@ def test_without_a_word_it_is_this_machine_alone() -> None:
         {discovery.RANGE: "subnet"},
     ],
 )
-def test_who_asks_for_more_gets_the_profile_for_it(asked: dict[str, str]) -> None:
+def test_an_environment_that_names_more_machines_gets_the_profile_for_it(asked: dict[str, str]) -> None:
     assert discovery.goes_beyond(asked)
     said = discovery.defaults(asked)
     assert said[discovery.PROFILE].endswith("/config/fastdds_network.xml")
@@ -59,7 +59,7 @@ def test_a_network_is_a_subnet_or_machines() -> None:
             discovery.variables_for(wrong)
 
 
-def test_the_command_for_other_machines_says_what_they_must_ask_for() -> None:
+def test_the_command_for_other_machines_sets_their_variables() -> None:
     end = "bow simulator --ros-args -r __ns:=/bow/a1"
     assert (
         discovery.join_command("/bow/a1", {discovery.RANGE: "SUBNET"}) == f"ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET {end}"
@@ -77,7 +77,9 @@ def test_it_is_known_without_ros() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_messages_are_lent_with_our_profile_where_shared_memory_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_data_sharing_is_used_with_our_profile_where_shared_memory_is_large_enough(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(discovery, "_free", lambda _: discovery.SHARED_MEMORY_NEEDED)
     assert discovery.defaults({})[discovery.DATA_SHARING] == "1"
     assert discovery.DATA_SHARING not in discovery.defaults({discovery.DATA_SHARING: "0"})
@@ -86,7 +88,7 @@ def test_messages_are_lent_with_our_profile_where_shared_memory_has_room(monkeyp
     assert discovery.defaults({})[discovery.DATA_SHARING] == "0"
 
 
-def test_the_middleware_is_told_this_machine_by_our_profile_alone() -> None:
+def test_only_our_profile_restricts_the_middleware_to_this_machine() -> None:
     """With LOCALHOST, rmw_fastrtps adds transports on every interface."""
     loaded = discovery.as_loaded({})
     assert loaded[discovery.RANGE] == "SYSTEM_DEFAULT"

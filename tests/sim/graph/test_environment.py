@@ -1,4 +1,4 @@
-"""What a caller leaves in environment and open files does not reach the graph, or is refused by name."""
+"""Variables and open files of the caller do not affect the graph, or are refused by name."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def foreign(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_sourced_ros_does_not_reach_the_wheels_and_the_rest_stays(wheels: list[str], foreign: Path) -> None:
+def test_a_sourced_ros_does_not_affect_the_wheels_and_other_variables_stay(wheels: list[str], foreign: Path) -> None:
     given = {
         "LD_LIBRARY_PATH": f"{foreign}/lib:/cuda/lib",
         "PYTHONPATH": f"{foreign}/python:/mine",
@@ -52,7 +52,7 @@ def test_a_sourced_ros_does_not_reach_the_wheels_and_the_rest_stays(wheels: list
     assert cleaned(right) == right
 
 
-def test_where_ros_is_no_wheels_its_variables_stay(monkeypatch: pytest.MonkeyPatch, foreign: Path) -> None:
+def test_where_ros_is_not_from_wheels_its_variables_stay(monkeypatch: pytest.MonkeyPatch, foreign: Path) -> None:
     monkeypatch.setattr(environment, "wheel_libraries", list)
     given = {"LD_LIBRARY_PATH": f"{foreign}/lib", "PYTHONPATH": f"{foreign}/python", "AMENT_PREFIX_PATH": str(foreign)}
     assert cleaned(given).items() >= given.items()
@@ -101,16 +101,16 @@ def test_security_that_is_enforced_without_keys_is_refused(tmp_path: Path) -> No
 
 
 def test_another_middleware_is_ignored_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in cleaned(os.environ).items():  # settle() writes them
+    for name, value in cleaned(os.environ).items():  # clean() writes them
         monkeypatch.setenv(name, value)
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    assert "rmw_cyclonedds_cpp is ignored" in environment.settle()
+    assert "rmw_cyclonedds_cpp is ignored" in environment.clean()
     assert "RMW_IMPLEMENTATION" not in os.environ
-    assert environment.settle() == ""
+    assert environment.clean() == ""
 
 
-def test_a_process_begins_anew_where_its_libraries_were_anothers(foreign: Path) -> None:
-    """The wheels' mark is inherited from another Python, and its libraries with it."""
+def test_a_process_is_started_again_if_its_libraries_were_those_of_another_python(foreign: Path) -> None:
+    """The mark of the wheels is inherited from another Python, and its libraries with it."""
     given = {**os.environ, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1", "LD_LIBRARY_PATH": f"{foreign}/lib"}
     given["PYTHONPATH"] = f"{foreign}/python{os.pathsep}/mine"
     done = python("import rclpy.impl.implementation_singleton; print(sys.path, os.environ)", env=given)
@@ -121,7 +121,7 @@ def test_a_process_begins_anew_where_its_libraries_were_anothers(foreign: Path) 
 
 
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
-def test_closed_streams_are_open_to_nowhere_for_us_and_our_children(closed: str, tmp_path: Path) -> None:
+def test_closed_streams_are_opened_on_dev_null_for_a_process_and_its_children(closed: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     child = f"import os; [os.fstat(n) for n in range(3)]; open({str(out)!r}, 'w').write('all open')"
     code = f"{CODE} print(1); print(2, file=sys.stderr); sys.stdin.read(); "

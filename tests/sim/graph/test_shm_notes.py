@@ -1,4 +1,4 @@
-"""What killed nodes without a supervisor leave in shared memory is removed by the next one; what others have stays."""
+"""The shared memory of a killed node without a supervisor is removed by the next node; files in use stay."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEGMENT = f"{SHARED_MEMORY}/fastrtps_{'0' * 8}{os.getpid():08x}"
 
 @pytest.fixture
 def segment() -> Iterator[tuple[Path, Path]]:
-    """A segment of Fast DDS and its lock, which nobody holds."""
+    """A segment of Fast DDS and its lock, which no process holds."""
     files = Path(SEGMENT), Path(f"{SEGMENT}_el")
     for file in files:
         file.touch()
@@ -51,7 +51,7 @@ def test_what_a_dead_process_noted_is_removed_with_its_note(
     assert not any(file.exists() for file in (*segment, mine))
 
 
-def test_a_number_that_another_process_has_by_now_is_known_by_its_start(
+def test_a_reused_process_number_is_recognised_by_the_start_of_the_process(
     tmp_path: Path, segment: tuple[Path, Path]
 ) -> None:
     note(tmp_path, segment[1], pid=os.getpid(), since=1)
@@ -59,7 +59,7 @@ def test_a_number_that_another_process_has_by_now_is_known_by_its_start(
     assert not any(file.exists() for file in segment)
 
 
-def test_a_process_that_only_waits_to_be_reaped_is_gone(tmp_path: Path, segment: tuple[Path, Path]) -> None:
+def test_a_zombie_process_counts_as_gone(tmp_path: Path, segment: tuple[Path, Path]) -> None:
     process = subprocess.Popen(["sleep", "60"])
     since = process_stat.start_of(process.pid)
     assert since
@@ -73,7 +73,7 @@ def test_a_process_that_only_waits_to_be_reaped_is_gone(tmp_path: Path, segment:
     process.wait()
 
 
-def test_what_somebody_holds_stays_and_the_note_with_it(tmp_path: Path, segment: tuple[Path, Path], dead: int) -> None:
+def test_files_in_use_stay_and_the_note_with_them(tmp_path: Path, segment: tuple[Path, Path], dead: int) -> None:
     mine = note(tmp_path, segment[1], pid=dead, since=1)
     with open(segment[1]) as held:
         fcntl.flock(held, fcntl.LOCK_SH)
@@ -118,10 +118,10 @@ def test_without_shared_memory_there_are_no_notes(tmp_path: Path) -> None:
     assert not nowhere.exists()
 
 
-def test_a_note_grows_with_what_the_process_has_and_goes_with_it(
+def test_a_note_lists_all_files_of_the_process_until_it_ends(
     tmp_path: Path, segment: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shm_notes, "LOOK_S", 0.0)
+    monkeypatch.setattr(shm_notes, "UPDATE_S", 0.0)
     monkeypatch.delenv(shm_notes.SUPERVISED, raising=False)
     mine = shm_notes.Note(tmp_path)
     before = shm_files.files_of(os.getpid())

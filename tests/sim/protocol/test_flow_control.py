@@ -1,4 +1,4 @@
-"""Credit: at most so many chunks without an answer, and none forgotten."""
+"""Flow control: a limited number of chunks without answers, and none of them forgotten."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from bow_sim.protocol.flow_control import LIMIT_BYTES, RESEND_S, Window
 
 
-def test_a_chunk_frees_its_place_only_when_recorded_and_judged() -> None:
+def test_a_chunk_is_under_way_until_it_is_recorded_and_judged() -> None:
     window = Window(limit=1)
     window.sent((0, 0), [b"x"], 0)
     assert window.full
@@ -20,7 +20,7 @@ def test_bytes_under_way_are_limited_too() -> None:
     window = Window(limit=100)
     large = bytes(LIMIT_BYTES // 2)
     window.sent((0, 0), [large, b"x"], 0)
-    window.sent((0, 0), [large, b"x"], 0)  # another attempt takes the place of the one before
+    window.sent((0, 0), [large, b"x"], 0)  # another attempt replaces the one before
     assert not window.full
     window.sent((0, 1), [large], 0)
     assert window.full
@@ -42,7 +42,7 @@ def test_unanswered_chunks_are_due_again_in_order_and_not_twice_at_once() -> Non
     assert window.overdue(1 + 1.5 * RESEND_S) == []
 
 
-def test_a_quiet_block_is_sent_again_while_others_are_answered() -> None:
+def test_a_block_without_answers_is_sent_again_while_others_get_answers() -> None:
     window = Window()
     window.sent((0, 0), [b"0"], 0)
     window.sent((1, 0), [b"1"], 0)

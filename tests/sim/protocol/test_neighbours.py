@@ -1,4 +1,4 @@
-"""Who is there and who hears whom: only what nodes say of each other counts."""
+"""Which nodes are alive and which topics work: only heartbeats count."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def test_time_in_which_a_process_was_stopped_does_not_pass() -> None:
     at += 3600
     assert clock.now() == pytest.approx(2.0 + LONGEST_STEP_S)
     assert clock.slept == pytest.approx(3600 - LONGEST_STEP_S)
-    at -= 50  # no clock of ours goes back, but nothing breaks if one does
+    at -= 50  # a steady clock never goes back, but it would do no harm
     assert clock.now() == pytest.approx(2.0 + LONGEST_STEP_S)
 
 
-def test_what_was_heard_is_said_for_a_while(neighbours: Neighbours) -> None:
+def test_what_was_heard_is_reported_for_a_while(neighbours: Neighbours) -> None:
     neighbours.heard("bridge_force", OTHER, 0.0)
     neighbours.heard("stick_slip", OTHER, 1.0)
     neighbours.heard("verdicts", OWN, 1.0)
@@ -69,7 +69,7 @@ def test_what_was_heard_is_said_for_a_while(neighbours: Neighbours) -> None:
     assert neighbours.changed
 
 
-def test_a_node_is_there_as_long_as_its_heartbeat_comes(neighbours: Neighbours) -> None:
+def test_a_node_is_alive_as_long_as_its_heartbeats_arrive(neighbours: Neighbours) -> None:
     neighbours.take(health(), 0.0)
     assert neighbours.is_alive(OTHER, SILENT_S)
     assert not neighbours.is_alive(OTHER, SILENT_S + 0.1)
@@ -81,7 +81,7 @@ def test_a_node_is_there_as_long_as_its_heartbeat_comes(neighbours: Neighbours) 
     assert neighbours.is_alive(OTHER, 1.0)
 
 
-def test_the_word_that_a_node_is_dead_counts_only_for_its_process(neighbours: Neighbours) -> None:
+def test_a_report_that_a_node_is_dead_counts_only_for_its_process(neighbours: Neighbours) -> None:
     neighbours.take(health(), 0.0)
     for wrong in ({"pid": 8}, {"host": "here"}):
         neighbours.take(health(state=NodeState.DEAD, incarnation="", **wrong), 0.0)
@@ -95,10 +95,10 @@ def test_a_process_of_this_machine_that_has_ended_is_seen_to_be_gone(neighbours:
     neighbours.take(health(incarnation="c" * 16, pid=GONE), 0.0)
     assert neighbours.is_alive(OTHER, 1.0)
     assert not neighbours.is_alive(OTHER, 3.0)
-    assert neighbours.is_alive("c" * 16, 3.0)  # of another machine nothing is known
+    assert neighbours.is_alive("c" * 16, 3.0)  # processes of another machine are not seen
 
 
-def test_a_topic_works_when_its_reader_says_so(neighbours: Neighbours) -> None:
+def test_a_topic_works_if_its_reader_reports_it(neighbours: Neighbours) -> None:
     needed = [("verdicts", "recorder")]
     assert neighbours.missing(needed, "r", 0.0, 1.0) == ["no recorder has taken up the run"]
     neighbours.take(health(hears=[f"{'c' * 16} verdicts", f"{OWN} health"]), 0.0)
@@ -113,7 +113,7 @@ def test_a_topic_works_when_its_reader_says_so(neighbours: Neighbours) -> None:
     assert neighbours.missing(needed, "r", 2.0, 5.0) == ["/bow/recorder does not hear verdicts"]
 
 
-def test_an_older_heartbeat_of_a_living_node_is_known_for_one(neighbours: Neighbours) -> None:
+def test_an_older_heartbeat_of_a_living_node_is_recognised(neighbours: Neighbours) -> None:
     first, second = health(), health(state=NodeState.STARTING)
     neighbours.take(second, 0.0)
     assert neighbours.is_old(first)
@@ -124,7 +124,7 @@ def test_an_older_heartbeat_of_a_living_node_is_known_for_one(neighbours: Neighb
     assert not neighbours.is_old(health(incarnation="c" * 16))
 
 
-def test_a_heartbeat_out_of_a_bag_is_of_nobody_who_lives(neighbours: Neighbours) -> None:
+def test_a_heartbeat_from_a_bag_does_not_answer_us(neighbours: Neighbours) -> None:
     recorded = neighbours.take(health(hears=[f"{'c' * 16} health"]), 0.0)
     assert recorded is not None
     assert not recorded.is_live
@@ -134,17 +134,17 @@ def test_a_heartbeat_out_of_a_bag_is_of_nobody_who_lives(neighbours: Neighbours)
 
 
 @pytest.mark.parametrize(
-    ("theirs", "ours", "gives_way"),
+    ("theirs", "ours", "has_to_end"),
     [((5, 0), (6, 0), True), ((6, 0), (5, 0), False), ((5, 1), (5, 0), False), ((5, 0), (5, 0), False)],
 )
-def test_of_two_in_one_place_the_one_that_started_later_gives_way(
-    theirs: tuple[int, int], ours: tuple[int, int], gives_way: bool, neighbours: Neighbours
+def test_of_two_nodes_with_one_role_or_name_the_later_one_has_to_end(
+    theirs: tuple[int, int], ours: tuple[int, int], has_to_end: bool, neighbours: Neighbours
 ) -> None:
     started = SimpleNamespace(sec=theirs[0], nanosec=theirs[1])
     neighbours.take(health(started=started), 0.0)
-    assert neighbours.rival("recorder", "/bow/mine", ours, single=True) is None  # it may be out of a bag
+    assert neighbours.rival("recorder", "/bow/mine", ours, single=True) is None  # it may be from a bag
     neighbours.take(health(started=started, hears=[f"{OWN} health"]), 0.0)
-    assert (neighbours.rival("recorder", "/bow/mine", ours, single=True) is not None) == gives_way
-    assert (neighbours.rival("simulator", "/bow/recorder", ours, single=False) is not None) == gives_way
+    assert (neighbours.rival("recorder", "/bow/mine", ours, single=True) is not None) == has_to_end
+    assert (neighbours.rival("simulator", "/bow/recorder", ours, single=False) is not None) == has_to_end
     assert neighbours.rival("simulator", "/bow/mine", ours, single=False) is None
     assert neighbours.rival("classifier", "/bow/recorder", ours, single=True) is None
