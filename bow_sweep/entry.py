@@ -19,7 +19,7 @@ from bow_sweep.processes.roles import MODULES
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-MAIN = "bow_sweep.cli.main"
+MAIN = "bow_sweep.cli.parser"
 """Module whose main() is the command."""
 
 _INTERRUPTED_TEXT = b"bow: interrupted\n"

@@ -1,6 +1,6 @@
 """The command `bow`, one module for each of its commands.
 
-main          the parser of all commands
+parser        the parser of all commands, and what runs one
 sweep         `bow sweep`
 sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
@@ -15,3 +15,12 @@ settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user
 """
+
+from collections.abc import Sequence
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command `bow` with `arguments` (those of the process unless given); return its exit status."""
+    from bow_sweep.cli.parser import main as run
+
+    return run(arguments)

@@ -72,7 +72,7 @@ def help_of(parser: argparse.ArgumentParser) -> str:
 
 def command_page() -> str:
     """Return the page of the command line: ``bow --help``, then each command's."""
-    from bow_sweep.cli.main import parser
+    from bow_sweep.cli.parser import parser
 
     top = parser()
     text = heading("The command bow") + "Printed by ``bow --help`` and ``bow COMMAND --help``.\n\n" + help_of(top)
@@ -85,7 +85,7 @@ def command_page() -> str:
 
 def settings_page() -> str:
     """Return the page of all settings, what ``bow settings`` prints as a list of definitions."""
-    from bow_sweep.cli.main import main
+    from bow_sweep.cli import main
 
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         main(["settings"])

@@ -23,7 +23,7 @@ SHADOWS = (
 
 IN_A_THREAD = """
 import asyncio, sys, threading
-from bow_sweep.cli.main import main
+from bow_sweep.cli import main
 
 async def live():
     status = []
@@ -38,7 +38,7 @@ sys.exit(asyncio.run(live()))
 
 REAPED = """
 import os, sys, threading, time
-from bow_sweep.cli.main import main
+from bow_sweep.cli import main
 
 def reap():
     while True:

@@ -72,7 +72,7 @@ from bow_sweep.processes import supervisor_node
 
 supervisor_node.LEAVE_S = 1
 supervisor_node.SupervisorNode.destroy_node = lambda self: time.sleep(60)
-sys.exit(main.main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "20", "--out", sys.argv[1]]))
+sys.exit(main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "20", "--out", sys.argv[1]]))
 """
 
 

@@ -46,7 +46,7 @@ def main() -> int:
         from bow_sim.graph.node_process import run_node
 
         return run_node(poison_simulator)  # type: ignore[arg-type]
-    from bow_sweep.cli import main as cli
+    from bow_sweep import cli
     from bow_sweep.processes import supervisor
 
     supervisor.MODULES["simulator"] = "poison_simulator"

@@ -42,7 +42,7 @@ def pair(tmp_path) -> list[Path]:
 
 
 def bow(*words: object) -> int:
-    return main.main([str(word) for word in words])
+    return main([str(word) for word in words])
 
 
 def test_the_table_has_every_measure_of_every_run_and_the_difference(pair, capsys):

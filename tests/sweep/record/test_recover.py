@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from bow_sweep.cli.main import main
+from bow_sweep.cli import main
 from bow_sweep.record.bag import METADATA, BagError, messages
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.recover import recover

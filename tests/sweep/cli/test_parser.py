@@ -10,7 +10,8 @@ import pytest
 
 from bow_sim.physics.motion import regular_from
 from bow_sim.physics.parameters import Parameters
-from bow_sweep.cli.main import main, parser
+from bow_sweep.cli import main
+from bow_sweep.cli.parser import parser
 
 CELL = ["--model", "delta_cremer", "--v-mid", "0.7", "--f-init-ratio", "1"]
 
