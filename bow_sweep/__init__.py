@@ -2,12 +2,50 @@
 
 plan               what is to be simulated
 maps               what a sweep found
-run                a run on disk
+run                a run on disk: directory, ledger, lock
 record             its bag
-view               pictures and the dashboard
+figures            pictures of finished maps
+view               the dashboard
 coordinator        who hands out the blocks
 processes          the processes of a graph on this machine
 paper              what the paper states, beside what is found
 cli                the command `bow`
 entry              entry points of the executables
+
+Public names, imported when they are first used:
+
+MapFile            a finished map: its axes, and every test of every cell
+Sweep              what is to be simulated
+compute            computes and classifies a sweep in this process
+read_map           reads the map of a run directory
+replay             classifies a recorded run again
+verify             accounts for a recorded run
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bow_sweep.maps.in_process import compute as compute
+    from bow_sweep.maps.map_file import MapFile as MapFile
+    from bow_sweep.maps.map_file import read_map as read_map
+    from bow_sweep.plan.sweep import Sweep as Sweep
+    from bow_sweep.record.replay import replay as replay
+    from bow_sweep.record.verify import verify as verify
+
+_MODULES = {
+    "MapFile": "bow_sweep.maps.map_file",
+    "Sweep": "bow_sweep.plan.sweep",
+    "compute": "bow_sweep.maps.in_process",
+    "read_map": "bow_sweep.maps.map_file",
+    "replay": "bow_sweep.record.replay",
+    "verify": "bow_sweep.record.verify",
+}
+
+__all__ = ["MapFile", "Sweep", "compute", "read_map", "replay", "verify"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

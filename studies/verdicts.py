@@ -265,7 +265,7 @@ def main() -> None:
     args = parser.parse_args()
     if args.fit:
         table = fit(generated(FIT, SEEDS["fit"]))
-        write_coefficients(table, ROOT / "bow_classifier" / "confidence.py")
+        write_coefficients(table, ROOT / "bow_classifier" / "verdict" / "confidence.py")
         print(f"moved the largest coefficient by {np.abs(table - COEFFICIENTS).max():.2g}")
         return
     tuned = labelled("tune")

@@ -1,6 +1,7 @@
 """The rooms of the house: what is pure stays pure, imports point one way, files fit in a head."""
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -126,7 +127,7 @@ def test_a_room_says_what_is_in_it(room: str) -> None:
     folder = ROOT / room.replace(".", "/")
     said = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
     for path in folder.iterdir():
-        if path.suffix == ".py" and not path.stem.startswith("__"):
+        if (path.suffix == ".py" or (path / "__init__.py").exists()) and not path.stem.startswith("__"):
             assert re.search(rf"^{path.stem}\b", said, re.MULTILINE), f"{room}/__init__.py does not list {path.stem}"
 
 
@@ -141,3 +142,15 @@ def test_files_fit_in_a_head() -> None:
 
 def test_the_list_of_impure_modules_names_what_there_is() -> None:
     assert set(IMPURE) <= set(modules())
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_has_the_public_names_that_it_lists_and_loads_them_late(package: str) -> None:
+    face = importlib.import_module(package)
+    said = face.__doc__ or ""
+    for name in face.__all__:
+        assert re.search(rf"^{name}\b", said, re.MULTILINE), f"{package}/__init__.py does not describe {name}"
+        assert getattr(face, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = face.nothing
+    subprocess.run([sys.executable, "-c", f"import sys, {package}; assert 'numpy' not in sys.modules"], check=True)
