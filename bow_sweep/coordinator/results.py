@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from bow_sweep.figures.maps import draw_map
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MAP, MapFile, write_map_npz
 from bow_sweep.maps.playability import playability
@@ -69,6 +68,8 @@ def write_results(run: Run, basin: Basin) -> str:
         write_map_npz(run.directory / MAP, result)
     picture = run.directory / PICTURE
     try:
+        from bow_sweep.figures.maps import draw_map  # needs matplotlib: without it only the picture is missing
+
         draw_map(result, picture)
     except Exception as error:  # whatever a library raises: no other result depends on the picture
         with contextlib.suppress(OSError):

@@ -48,7 +48,7 @@ def test_all_other_results_are_written_if_the_picture_cannot_be_drawn(
 
     monkeypatch.setattr(results, "map_of", lambda *_: None)
     monkeypatch.setattr(results, "write_map_npz", lambda path, _: written.append(path))
-    monkeypatch.setattr(results, "draw_map", draw)
+    monkeypatch.setattr("bow_sweep.figures.maps.draw_map", draw)
     old = tmp_path / "map.png"
     old.touch()
     why = results.write_results(SimpleNamespace(directory=tmp_path), None)  # type: ignore[arg-type]
