@@ -16,6 +16,8 @@ def made_of(start: str) -> dict[str, Path]:
         if name in found or name not in known:
             continue
         found[name] = known[name]
+        if known[name].name == "__init__.py":  # imports its public names only when they are used
+            continue
         for node in ast.walk(ast.parse(known[name].read_text())):
             if isinstance(node, ast.ImportFrom) and node.module:
                 open_ += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
