@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from unittest import SkipTest
+from unittest import SkipTest, mock
 
 import pytest
 from doc_pages import PAGES, RUN, SHOWN, blocks, name
@@ -66,13 +66,14 @@ def test_every_block_of_a_page_runs(
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("MPLBACKEND", "agg")
     run = skipped = 0
-    for example in DOCUMENTS.parse(page).examples():
-        try:
-            example.evaluate()
-        except SkipTest:
-            skipped += 1
-        else:
-            run += not isinstance(example.parsed, tuple)
+    with mock.patch.dict(os.environ):  # a sweep in this process leaves variables for its children
+        for example in DOCUMENTS.parse(page).examples():
+            try:
+                example.evaluate()
+            except SkipTest:
+                skipped += 1
+            else:
+                run += not isinstance(example.parsed, tuple)
     assert run + skipped == sum(block.language in RUN for block in blocks(page))
 
 
