@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 LONG = ["fig11d", "--nx", "64", "--ny", "96", "--set", "block_cells=32"]
 """6144 cells in 192 blocks: enough that a simulator that comes late, on a busy machine, gets its share."""
 
-LOOK = "import sys, rclpy; from bow_sim import reach; reach.apply_defaults(); rclpy.init()\n" + (
+LOOK = "import sys, rclpy; from bow_sim.graph import discovery; discovery.apply_defaults(); rclpy.init()\n" + (
     "import time; node = rclpy.create_node('eye'); end = time.monotonic() + float(sys.argv[1])\n"
     "while time.monotonic() < end: rclpy.spin_once(node, timeout_sec=0.1)\n"
     "print(*[f'{space}/{name}' for name, space in node.get_node_names_and_namespaces()])"

@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,7 @@ class History:
     """A run that was interrupted once, resumed and finished: all its files after every chunk, and its map."""
 
     sweep: object
-    states: tuple[Snapshot, ...]
+    states: tuple[Snapshot, ...] = field(repr=False)  # megabytes
 
     @property
     def map(self) -> bytes:
