@@ -207,7 +207,12 @@ def _plan(path: Path, reading: Reading, survey: Survey, log: Log) -> _Plan:
         except RunError as error:
             problem = str(error)
             if not survey.plan:
-                raise
+                if "sweep anew" in problem:
+                    raise
+                raise RunError(
+                    f"{problem}; the bag holds no plan to take its place: sweep anew, "
+                    "bow sweep PRESET --out ANOTHER_DIRECTORY"
+                ) from None
         else:
             return _with_valid_rounds(sweep, reading.entries)
     entries = _entries_from_bag(path, reading.entries, survey, problem)

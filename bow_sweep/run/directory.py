@@ -259,6 +259,7 @@ def planned(run_id: str, sweep: Sweep, epoch: int = 1) -> dict[str, Any]:
         "preset": sweep.preset,
         "settings": sweep.settings(),
         "fingerprint": fingerprint(),
+        "classifier": sweep.thresholds.hash,
         "blocks": sweep.blocks,
         "chunks": sweep.chunks,
         "cells": sweep.cells,
@@ -272,7 +273,7 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
     Raises
     ------
     RunError
-        If it describes none, or this machine's kernel would not give the same bytes.
+        If it describes none, or kernel or classifier of this machine would not give the same bytes.
     """
     try:
         sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
@@ -285,6 +286,12 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
         raise RunError(
             f"{where.parent}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
             "their results could differ: resume where it began, or sweep anew"
+        )
+    classifier = sweep.thresholds.hash
+    if plan.get("classifier", classifier) != classifier:  # ledgers of old have none
+        raise RunError(
+            f"{where.parent}: was begun with classifier {plan['classifier']}, its settings make {classifier} here; "
+            "their verdicts could differ: resume where it began, or sweep anew"
         )
     return sweep
 

@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -41,12 +40,14 @@ ADAPTIVE = recording.small_sweep(
 FILES = ("ledger.jsonl", "bag/bag_0.mcap", "bag/bag_1.mcap", "bag/metadata.yaml", "map.npz", "report.json", "map.png")
 
 
-@dataclass(frozen=True)
 class History:
     """A run that was interrupted once, resumed and finished: all its files after every chunk, and its map."""
 
-    sweep: object
-    states: tuple[Snapshot, ...] = field(repr=False)  # megabytes
+    def __init__(self, sweep: object, states: tuple[Snapshot, ...]) -> None:
+        self.sweep, self.states = sweep, states
+
+    def __repr__(self) -> str:  # Hypothesis prints it where a case fails: megabytes otherwise
+        return f"History of {len(self.states)} states"
 
     @property
     def map(self) -> bytes:
