@@ -31,6 +31,10 @@ class NodeState(IntEnum):
     FAILED = 5
 
 
+NODE_STATE_NAMES = {int(state): state.name.lower() for state in NodeState}
+"""Health.state in words; a message may have another number."""
+
+
 class ReceiptKind(IntEnum):
     """Receipt.kind: what was recorded."""
 

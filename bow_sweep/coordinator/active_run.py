@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -45,13 +45,13 @@ class ActiveRun:
     basin: Basin
     began: float
     goal: bytes | None
-    done_before: int = 0
+    done_before: int = field(init=False)
     cancelled: bool = False
     closed_at: float | None = None
     results: ResultsWritten | None = None
     plan: bytes = b""
     plan_at: float = 0.0
-    _published_tests: int = -1
+    _published_tests: int = field(default=-1, init=False)
 
     def __post_init__(self) -> None:
         self.done_before = self.run.cells_in(State.DONE)

@@ -34,6 +34,7 @@ from bow_sweep.run.directory import (
     round_entry,
     sweep_of,
 )
+from bow_sweep.run.errors import OtherProgramError
 from bow_sweep.run.ledger_file import LEDGER, Reading, latest_states, read_leniently, set_ledger_aside, write_ledger
 from bow_sweep.run.lock import LockedError, locked
 
@@ -207,7 +208,7 @@ def _plan(path: Path, reading: Reading, survey: Survey, log: Log) -> _Plan:
         except RunError as error:
             problem = str(error)
             if not survey.plan:
-                if "sweep anew" in problem:
+                if isinstance(error, OtherProgramError):
                     raise
                 raise RunError(
                     f"{problem}; the bag holds no plan to take its place: sweep anew, "

@@ -11,7 +11,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import Image
 
-from bow_sim.protocol.states import NodeState
+from bow_sim.protocol.states import NODE_STATE_NAMES, NodeState
 from bow_sweep.maps.plane import Snapshot, image_of
 
 LEVELS = {
@@ -22,7 +22,6 @@ LEVELS = {
     NodeState.DEAD: DiagnosticStatus.STALE,
     NodeState.FAILED: DiagnosticStatus.ERROR,
 }
-STATE_NAMES = {int(state): state.name.lower() for state in NodeState}
 NUMBERS = ("messages", "bytes", "duplicates", "ignored", "rss", "pid")
 
 
@@ -43,7 +42,7 @@ def diagnostics_message(nodes: Iterable[Health], stamp: Time) -> DiagnosticArray
                 level=LEVELS.get(health.state, DiagnosticStatus.WARN),
                 name=f"bow: {health.node}",
                 hardware_id=health.host,
-                message=health.detail or STATE_NAMES.get(health.state, ""),
+                message=health.detail or NODE_STATE_NAMES.get(health.state, ""),
                 values=[KeyValue(key=name, value=str(getattr(health, name))) for name in NUMBERS],
             )
             for health in nodes

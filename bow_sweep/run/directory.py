@@ -24,7 +24,7 @@ from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run import ledger_file
-from bow_sweep.run.errors import RunError
+from bow_sweep.run.errors import OtherProgramError, RunError
 from bow_sweep.run.ledger import Ledger, State
 from bow_sweep.run.ledger_file import LEDGER, latest_states, read_ledger, set_ledger_aside
 from bow_sweep.run.lock import take
@@ -283,13 +283,13 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
         given, right = f"{plan['blocks']} blocks of {plan['chunks']} chunks", f"{sweep.blocks} of {sweep.chunks}"
         raise RunError(f"{where}, line 1: {given}; its settings make {right}")
     if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
-        raise RunError(
+        raise OtherProgramError(
             f"{where.parent}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
             "their results could differ: resume where it began, or sweep anew"
         )
     classifier = sweep.thresholds.hash
     if plan.get("classifier", classifier) != classifier:  # ledgers of old have none
-        raise RunError(
+        raise OtherProgramError(
             f"{where.parent}: was begun with classifier {plan['classifier']}, its settings make {classifier} here; "
             "their verdicts could differ: resume where it began, or sweep anew"
         )

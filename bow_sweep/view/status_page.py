@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sim.protocol.states import BlockState, NodeState
+from bow_sim.protocol.states import NODE_STATE_NAMES, BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.plane import MODEL_NAMES, Snapshot, regime_label
 from bow_sweep.maps.playability import MEASURES
 
-STATES = {int(state): state.name.lower() for state in NodeState}
 USUAL_STATES = ("starting", "ready", "busy", "closed")
 
 SILENT_S = 5.0
@@ -145,7 +144,7 @@ def _regimes(snapshot: Snapshot) -> list[str]:
 def _nodes(nodes: Iterable[NodeStatus], now: float) -> list[str]:
     rows = []
     for node in sorted(nodes, key=lambda node: (node.role, node.name)):
-        state = STATES.get(node.state, str(node.state))
+        state = NODE_STATE_NAMES.get(node.state, str(node.state))
         silent = now - node.heard
         if silent > SILENT_S and state not in ("closed", "dead", "failed"):
             state = f"silent for {silent:.0f} s"
