@@ -19,6 +19,7 @@ from bow_sweep.maps.playability import playability
 from bow_sweep.maps.terrain import terrain
 from bow_sweep.view.rerun_recording import RunRecording
 from bow_sweep.view.status_page import NodeStatus, is_complete, page, playability_page, with_block_states
+from bow_sweep.view.tests_over_time import finished_map
 
 FILE = "dashboard.rrd"
 
@@ -85,7 +86,7 @@ class LiveRun:
         empty = with_block_states(Snapshot.empty(self._outline), self._outline, plan["block_states"])
         self.recording = RunRecording(directory / FILE, empty, port, server_memory, warn)
         self.drawn = self.ignored = 0
-        self._plan, self._clock, self._opened = plan, clock, clock()
+        self._plan, self._clock, self._opened, self._directory = plan, clock, clock(), directory
         self._closing: float | None = None
         self._next: Snapshot | None = None
         self._next_draw_at = self._status_at = 0.0
@@ -184,7 +185,15 @@ class LiveRun:
         self._draw(self._next or self.recording.snapshot)
         self._write_status(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
         self._terrain()
+        self._tests()
         self.recording.finish()
+
+    def _tests(self) -> None:
+        """Draw every test, if the run is over."""
+        if self._plan["state"] == PlanState.CLOSED:
+            result = finished_map(self._directory, self.recording.snapshot)
+            if result is not None:
+                self.recording.tests(result)
 
     def _terrain(self) -> None:
         shown = self.recording.snapshot
