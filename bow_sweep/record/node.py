@@ -83,9 +83,6 @@ class RecorderNode(BowNode):
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
         self._waits_until = self._answered_again_at = 0.0
-        # Topics have these names in the bag, also if they are remapped on the graph: readers expect them.
-        prefix = self.get_namespace().rstrip("/")
-        self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
         self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
         self.subscribe_plan(self._on_plan)
@@ -169,7 +166,7 @@ class RecorderNode(BowNode):
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # the run ended before this recorder started
-            session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
+            session = (directory, plan, data, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
             self._waiting = (plan, data)
