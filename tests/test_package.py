@@ -23,6 +23,7 @@ IMPORT_OF = {"inotify-simple": "inotify_simple", "pyyaml": "yaml", "rerun-sdk": 
 """Import names that differ from the distribution's."""
 
 ROS_PYTHON = {"rclpy", "bow_msgs", "builtin_interfaces", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces"}
+ROS_PYTHON |= {"geometry_msgs"}
 ROS_PYTHON |= {"action_msgs", "rosidl_parser", "rosidl_runtime_py", "rpyutils", "unique_identifier_msgs", "launch"}
 
 

@@ -67,6 +67,8 @@ def subscription_qos(qos: Qos) -> QoSProfile:
 class RecorderNode(BowNode):
     """Records one run after the other."""
 
+    says_ends = False
+
     def __init__(self) -> None:
         super().__init__("recorder")
         runs_dir = self.read_parameter("runs_dir", "runs", "directory of the run directories, each named by its run_id")
@@ -131,6 +133,11 @@ class RecorderNode(BowNode):
 
     # ---- the plan opens and closes the bag
 
+    def run_note(self) -> str:
+        """Return how much is in the bag."""
+        session = self._session
+        return f"{session.messages} messages, {session.bytes / 1e6:.0f} MB recorded" if session is not None else ""
+
     def ignore(self, why: str) -> None:
         """Count a message that does not belong here, and log why."""
         self.health.ignored += 1
@@ -189,6 +196,7 @@ class RecorderNode(BowNode):
                         f"{file['file']} is {file['was']}, {file['did']}: {file['messages']} messages stay; taken out: "
                         f"{', '.join(file['aside']) or 'nothing'}"
                     )
+            self.get_logger().info(f"run {run} opens: records to {self._session.bag.path.parent}")
             self.set_state(Health.STARTING, f"opened {self._session.bag.path}", run)
             self._tick()
 
@@ -264,6 +272,8 @@ class RecorderNode(BowNode):
             return
         self._outbox.send([message] if message else ())
         self._count(session)
+        how_much = f"{session.messages} messages, {session.bytes / 1e6:.0f} MB in {session.bag.path.parent}"
+        self.get_logger().info(f"run {run} closes, {why}: {how_much}")
         self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
     def _fail(self, session: Session, error: OSError) -> None:
