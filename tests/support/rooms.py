@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,6 +49,7 @@ ARROWS: dict[str, frozenset[str]] = {
 """Room -> rooms that it may import. A package's own name stands for the modules at its root."""
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Return every module of the packages, by dotted name, with its file."""
     found = {}
