@@ -23,6 +23,7 @@ IMPURE = {
     "bow_sweep.coordinator.cell_chooser": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
+    "bow_sweep.cell.from_bag": {"mcap"},
     "bow_sweep.record.bag": {"mcap"},
     "bow_sweep.record.index_contents": {"mcap"},
     "bow_sweep.record.inspection": {"mcap"},
@@ -43,6 +44,7 @@ IMPURE = {
     "bow_sweep.view.blueprint": {"rerun"},
     "bow_sweep.view.node": {"rclpy", "bow_msgs", "rerun"},
     "bow_sweep.view.history": {"rerun"},
+    "bow_sweep.view.map_layers": {"rerun"},
     "bow_sweep.view.rerun_recording": {"rerun"},
     "bow_sweep.view.live_run": {"rerun"},
 }

@@ -3,6 +3,7 @@
 node             the dashboard node
 live_run         one run: what is drawn, and when
 rerun_recording  a sweep as a rerun recording
+map_layers       axes, colours, pictures and counts of a map in a recording
 blueprint        the layout of the views in the viewer
 decorations      frame, ticks, labels and colour scales of a map
 scope            waveforms of the inspected cells
