@@ -9,9 +9,10 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Sequence
 
-from bow_msgs.msg import Block, BridgeForce, Health, Receipt, StickSlip
+from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip
 from rclpy.publisher import Publisher
 
 from bow_sim.block_request import encode_chunk
@@ -81,7 +82,7 @@ class SimulatorNode(BowNode):
         self._publishing = threading.Lock()  # of the publishers of the streams
         self._streams: list[Publisher] = []
         self._create_publishers()
-        self._inspect = self.create_publisher(BridgeForce, "inspect", INSPECT)
+        self._inspect = self.create_publisher(InspectedCell, "inspect", INSPECT)
         self.subscribe_plan(lambda plan, _: self._on_plan(PlanReceived(plan)))
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
         self.create_subscription(Block, "blocks", self._on_block, WORK, raw=True)
@@ -192,15 +193,16 @@ class SimulatorNode(BowNode):
                     self.health.duplicates += again
                     self._chunks += bool(instruction.of)
                     self._handle(Published(instruction, failed=not self._publish(messages)))
-                    if inspect:
-                        with contextlib.suppress(RCLError):  # only for display, may be lost
-                            self._inspect.publish(inspect)
+                    with contextlib.suppress(RCLError):  # only for display, may be lost
+                        for message in inspect:
+                            self._inspect.publish(message)
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
         request, chunk = instruction.request, instruction.chunk
         try:
             output = request.block.advance()
-            return ChunkComputed(*encode_chunk(request, chunk, output, self.incarnation, self._inspected))
+            stamp = time.time_ns()
+            return ChunkComputed(*encode_chunk(request, chunk, output, self.incarnation, self._inspected, stamp))
         except Exception as error:
             return ChunkFailed(request, repr(error))
 

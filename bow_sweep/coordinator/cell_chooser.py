@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from bow_msgs.msg import BridgeForce
+from bow_msgs.msg import InspectedCell
 from bow_msgs.srv import InspectCell
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import PointCloud2
@@ -51,7 +51,7 @@ class CellChooser:
     def __init__(self, node: BowNode, run_in_progress: Callable[[], Run | None]) -> None:
         self._node, self._run_in_progress = node, run_in_progress
         self.problem, self.latest = "", "no cell was chosen"
-        self._inspect = node.create_publisher(BridgeForce, "inspect", INSPECT)
+        self._inspect = node.create_publisher(InspectedCell, "inspect", INSPECT)
         self._points = node.create_publisher(PointCloud2, "basin_map/points", LATCHED)
         self._map: Mapping[str, Any] | None = None  # not yet published as points
         self._inspector = Inspector(node.incarnation, self._inspect.publish, node.get_logger().warning)

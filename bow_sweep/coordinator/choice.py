@@ -10,6 +10,7 @@ import contextlib
 import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -131,20 +132,32 @@ def in_words(sweep: Sweep, cell: int) -> str:
     return f"cell {cell}: {sweep.x.name} = {x:.4g}, {sweep.y.name} = {y:.4g}"
 
 
-def waveform(run: Run, cell: int, incarnation: str) -> Iterator[bytes]:
-    """Compute a cell; yield its chunks as a simulator publishes them on `inspect`, with attempt 0.
+def waveform(run: Run, cell: int, incarnation: str, clock: Callable[[], int]) -> Iterator[bytes]:
+    """Compute a cell; yield an InspectedCell for each chunk, as a simulator publishes them, with attempt 0.
 
     Parameters
     ----------
     incarnation
         Of the sender.
+    clock
+        Returns nanoseconds since 1970, for the stamps.
     """
     sweep, cells = run.sweep, np.array([cell], np.uint32)
     blocks = (block for block in range(run.blocks.count) if cell in run.blocks.block(block))
-    identity = {"run_id": run.run_id, "sweep_id": sweep.sweep_id, "block": next(blocks, run.blocks.count), "attempt": 0}
-    request = BlockRequest({**identity, "cells": cells}, Block(sweep.parameters, sweep.lanes(cells)))
+    x, y = values_of(sweep, cell)
+    message = {
+        "run_id": run.run_id,
+        "sweep_id": sweep.sweep_id,
+        "block": next(blocks, run.blocks.count),
+        "attempt": 0,
+        "cells": cells,
+        "x": [x],
+        "y": [y],
+        "spec.settings": sweep.settings(),
+    }
+    request = BlockRequest(message, Block(sweep.parameters, sweep.lanes(cells)))
     for chunk in range(request.chunks):
-        yield encode_chunk(request, chunk, request.block.advance(), incarnation, cells.tolist())[1]
+        yield encode_chunk(request, chunk, request.block.advance(), incarnation, cells.tolist(), clock())[1][0]
 
 
 class Inspector:
@@ -186,7 +199,7 @@ class Inspector:
         while (item := self._waiting.get()) is not None and not self._leaving.is_set():
             run, cell = item
             try:
-                for chunk in waveform(run, cell, self._incarnation):
+                for chunk in waveform(run, cell, self._incarnation, time.time_ns):
                     if self._leaving.is_set():
                         return
                     self._publish(chunk)

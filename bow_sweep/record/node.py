@@ -85,9 +85,6 @@ class RecorderNode(BowNode):
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
         self._waits_until = self._answered_again_at = 0.0
-        # Topics have these names in the bag, also if they are remapped on the graph: readers expect them.
-        prefix = self.get_namespace().rstrip("/")
-        self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
         self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
         self.subscribe_plan(self._on_plan)
@@ -99,7 +96,7 @@ class RecorderNode(BowNode):
         self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
-        checked = topic.name in ("health", "basin_map/image", "diagnostics", "/rosout")
+        checked = topic.name in ("health", "basin_map/image", "/diagnostics", "/rosout")
         sealed = STORED_ONCE.get(topic.name, "")
 
         def take(data: bytes) -> None:
@@ -121,11 +118,14 @@ class RecorderNode(BowNode):
         return take
 
     def _readable(self, topic: Topic, kind: type, data: bytes) -> bool:
-        """Whether a message without identity may enter the bag: it can be decoded, and a log is of this namespace."""
+        """Whether a message without identity may enter the bag: it can be decoded, and is of this namespace."""
         if topic.name == "/rosout" and not log_name(data).startswith(self._loggers):
             return False
         try:
-            deserialize_message(data, kind)
+            message = deserialize_message(data, kind)
+            if topic.name == "/diagnostics":  # all graphs of a domain share it
+                nodes = (status.name.partition(":")[0] for status in message.status)
+                return {node.rpartition("/")[0] for node in nodes} == {self.get_namespace()}
         except Exception:  # the type support may raise any exception
             self.health.ignored += 1
             return False
@@ -176,7 +176,7 @@ class RecorderNode(BowNode):
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # the run ended before this recorder started
-            session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
+            session = (directory, plan, data, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
             self._waiting = (plan, data)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
-from bow_msgs.msg import BridgeForce
+from bow_msgs.msg import InspectedCell
 from bow_msgs.srv import InspectCell
 from desk import Desk, desk
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -194,16 +194,14 @@ class Seen:
         self.here = here
         self.force: dict[int, dict[int, np.ndarray]] = {}
         patient = QoSProfile(depth=500, reliability=ReliabilityPolicy.BEST_EFFORT)
-        subscription = here.node.create_subscription(BridgeForce, "inspect", self.take, patient, raw=True)
+        subscription = here.node.create_subscription(InspectedCell, "inspect", self.take, patient, raw=True)
         here.until(
             lambda: here.node.count_publishers(subscription.topic_name) > 0, "the publisher of inspect is discovered"
         )
 
     def take(self, data: bytes) -> None:
-        values = cdr.unseal("BridgeForce", data)
-        rows = values["data"].reshape(len(values["cells"]), values["samples"])
-        for cell, row in zip(values["cells"].tolist(), rows, strict=True):
-            self.force.setdefault(cell, {})[values["chunk"]] = np.array(row)
+        values = cdr.unseal("InspectedCell", data)
+        self.force.setdefault(values["cell"], {})[values["chunk"]] = np.array(values["bridge_force"])
 
     def until_whole(self, cell: int, sweep: Sweep) -> None:
         self.here.until(lambda: len(self.force.get(cell, ())) == sweep.chunks, f"cell {cell} arrives whole")

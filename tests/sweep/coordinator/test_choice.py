@@ -119,12 +119,13 @@ def test_a_cell_computed_alone_has_the_bits_of_its_block(run: Run) -> None:
     cells = run.blocks.block(block)
     whole = Block(SWEEP.parameters, SWEEP.lanes(cells))
     row = int(np.flatnonzero(cells == cell)[0])
-    chunks = [cdr.unseal("BridgeForce", data) for data in waveform(run, cell, "c" * 16)]
+    chunks = [cdr.unseal("InspectedCell", data) for data in waveform(run, cell, "c" * 16, lambda: 10**9)]
     assert [chunk["chunk"] for chunk in chunks] == [0, 1]
     for chunk in chunks:
-        assert (chunk["run_id"], chunk["block"], chunk["cells"].tolist()) == (recording.RUN, block, [cell])
+        assert (chunk["run_id"], chunk["block"], chunk["cell"]) == (recording.RUN, block, cell)
+        assert chunk["name"] == choice.in_words(SWEEP, cell).partition(": ")[2]
         assert chunk["first_sample"] == chunk["chunk"] * SWEEP.parameters.chunk_samples
-        np.testing.assert_array_equal(chunk["data"], whole.advance().bridge_force[row])
+        np.testing.assert_array_equal(chunk["bridge_force"], whole.advance().bridge_force[row])
 
 
 def test_cells_are_computed_one_after_the_other_and_too_many_are_refused(
@@ -134,7 +135,7 @@ def test_cells_are_computed_one_after_the_other_and_too_many_are_refused(
     published: list[bytes] = []
     problems: list[str] = []
 
-    def computed(_run: Run, cell: int, _incarnation: str) -> Iterator[bytes]:
+    def computed(_run: Run, cell: int, *_: object) -> Iterator[bytes]:
         begun.set()
         assert go_on.wait(60)
         if cell == 2:
