@@ -31,8 +31,14 @@ LETTER, PADDING, LINE = 1.43, 3.4, 4.8
 TICK, MINOR_TICK, GAP = 1.4, 0.7, 0.8
 """Lengths of ticks with and without a label, and least distance between two labels, units."""
 
+BELOW, TITLE = HEIGHT + LINE / 2 + 0.2, -1.5 * LINE - 0.4
+"""Upper edges of the labels below the map and of the titles above it: a tick of y at a corner has a label beside it."""
+
 BAR_WIDTH, PIXEL = 4.0, 0.5
 """Width of a colour scale, and of one of its pixels, units."""
+
+BOX_PITCH = 6.5
+"""Distance of two boxes below a colour scale, units."""
 
 CAPTION_LETTERS = 100
 """Letters in a line of the caption; longer lines would make the view wider than the map needs."""
@@ -122,14 +128,14 @@ def surroundings(plane: Plane) -> Decorations:
     for tick, place in _placed(x.ticks(), WIDTH / x.count, lambda text: text_width(text) + GAP):
         made.line((place, HEIGHT), (place, HEIGHT + (TICK if tick.text else MINOR_TICK)))
         if tick.text:
-            made.label(place, HEIGHT + TICK, tick.text)
+            made.label(place, BELOW, tick.text)
     for tick, along in _placed(y.ticks(), HEIGHT / y.count, lambda text: LINE + GAP):
         place = HEIGHT - along
         made.line((0, place), (-(TICK if tick.text else MINOR_TICK), place))
         if tick.text:
             made.label(-TICK - GAP - text_width(tick.text) / 2, place - LINE / 2, tick.text)
-    made.label(WIDTH / 2, HEIGHT + TICK + LINE + GAP, x.title(mathematics=False, settings=plane.settings))
-    made.label_from(made.bounds[0][0] + 1, -LINE - TICK, y.title(mathematics=False, settings=plane.settings))
+    made.label(WIDTH / 2, BELOW + LINE + GAP, x.title(mathematics=False, settings=plane.settings))
+    made.label_from(made.bounds[0][0] + 1, TITLE, y.title(mathematics=False, settings=plane.settings))
     return made
 
 
@@ -242,14 +248,14 @@ def _scale(
         Names and colours of what stands below the bar.
     """
     left, words = WIDTH + 4, WIDTH + 4 + BAR_WIDTH + 1 + GAP
-    tall = HEIGHT - 6 * len(boxes)
+    tall = HEIGHT - BOX_PITCH * len(boxes)
     picture = np.zeros((round(HEIGHT / PIXEL), round(BAR_WIDTH / PIXEL), 4), np.uint8)
     count = round(tall / PIXEL)
     bands = np.arange(count) * len(colours) // count
     picture[:count] = np.append(colours[bands], np.full((count, 1), 255), axis=1)[:, None]
     _outline(made, left, 0, tall)
     for number, (word, colour) in enumerate(boxes):
-        top = tall + 2 + 6 * number
+        top = tall + BOX_PITCH * (number + 1) - 4
         first = round(top / PIXEL)
         picture[first : first + 8] = (*colour, 255)
         _outline(made, left, top, 4)
@@ -262,7 +268,7 @@ def _scale(
             free = middle + LINE / 2
             made.line((left + BAR_WIDTH, middle), (left + BAR_WIDTH + 1, middle))
             made.label_from(words, middle - LINE / 2, text)
-    made.label_from(left, -LINE - TICK, title)
+    made.label_from(left, TITLE, title)
 
 
 def _outline(made: Decorations, left: float, top: float, tall: float) -> None:

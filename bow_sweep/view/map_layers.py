@@ -138,7 +138,7 @@ class MapLayers:
         self.radius = COVERED * min(width, height) / 2
         reach = np.array([max(width - height, 0.02 * width), 0.0] if width >= height else [0.0, height - width]) / 2
         centres = cell_centres(self._plane)
-        lines = np.stack([centres - reach, centres + reach], axis=1)
+        lines = np.stack([centres - reach, centres + reach], axis=1).astype(np.float32)
         self._names = cell_names(self._plane)
         strips = rr.LineStrips2D(lines, radii=self.radius, show_labels=False, draw_order=BETWEEN)
         names = rr.AnyValues(cell=self._names)

@@ -123,7 +123,7 @@ class RunRecording:
             self._began = min(self._began, (logged - elapsed) / 1e9)
 
     def _now(self, *, among_samples: bool = False) -> None:
-        """Set the time of what is logged next; maps are also at sample 0 and test 0, so that those timelines show them."""
+        """Set the time of what is logged next; maps are also at sample 0 and test 0: those timelines show them too."""
         self._record.reset_time()
         self._record.set_time("sweep", duration=time.time() - self._began)
         if among_samples:
