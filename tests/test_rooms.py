@@ -43,6 +43,7 @@ IMPURE = {
     "bow_sweep.processes.supervisor_node": {"rclpy", "bow_msgs"},
     "bow_sweep.view.blueprint": {"rerun"},
     "bow_sweep.view.node": {"rclpy", "bow_msgs", "rerun"},
+    "bow_sweep.view.cell_views": {"rerun"},
     "bow_sweep.view.history": {"rerun"},
     "bow_sweep.view.map_layers": {"rerun"},
     "bow_sweep.view.rerun_recording": {"rerun"},
