@@ -22,6 +22,7 @@ IMPURE = {
     "bow_classifier.node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
+    "bow_sweep.cell.from_bag": {"mcap"},
     "bow_sweep.record.bag": {"mcap"},
     "bow_sweep.record.index_contents": {"mcap"},
     "bow_sweep.record.inspection": {"mcap"},
@@ -41,7 +42,9 @@ IMPURE = {
     "bow_sweep.processes.supervisor_node": {"rclpy", "bow_msgs"},
     "bow_sweep.view.blueprint": {"rerun"},
     "bow_sweep.view.node": {"rclpy", "bow_msgs", "rerun"},
+    "bow_sweep.view.cell_views": {"rerun"},
     "bow_sweep.view.history": {"rerun"},
+    "bow_sweep.view.map_layers": {"rerun"},
     "bow_sweep.view.rerun_recording": {"rerun"},
     "bow_sweep.view.live_run": {"rerun"},
 }
