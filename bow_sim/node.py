@@ -77,6 +77,7 @@ class SimulatorNode(BowNode):
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
         self._leaving = threading.Event()
+        self._chunks = 0  # published, not counting repetitions
 
         self._publishing = threading.Lock()  # of the publishers of the streams
         self._streams: list[Publisher] = []
@@ -88,6 +89,10 @@ class SimulatorNode(BowNode):
         self.every(CHECK_S, self._check_readers)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
         self._worker.start()
+
+    def run_note(self) -> str:
+        """Return how much this simulator has computed."""
+        return f"{self._chunks} chunks computed here since the start"
 
     # ---- what comes in, in the executor's thread
 
@@ -186,6 +191,7 @@ class SimulatorNode(BowNode):
                     self._handle(self._compute(instruction))
                 case Publish(messages, inspect, again=again):
                     self.health.duplicates += again
+                    self._chunks += bool(instruction.of)
                     self._handle(Published(instruction, failed=not self._publish(messages)))
                     with contextlib.suppress(RCLError):  # only for display, may be lost
                         for message in inspect:

@@ -47,7 +47,7 @@ TOPICS: dict[str, Topic] = {
         Topic("health", "bow_msgs/msg/Health", LATCHED),
         Topic("basin_map", "bow_msgs/msg/BasinMap", LATCHED),
         Topic("basin_map/image", "sensor_msgs/msg/Image", LATCHED),
-        Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", PLAIN),
+        Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", PLAIN),
         Topic("inspect", "bow_msgs/msg/InspectedCell", INSPECT),
         Topic("/rosout", "rcl_interfaces/msg/Log", LOGS),
     )
@@ -71,4 +71,4 @@ def short_name(topic: str) -> str:
     """Return the key of `TOPICS` for the full name of a topic in a bag; "" where it is another topic."""
     if topic in TOPICS:
         return topic
-    return next((name for name in TOPICS if topic.endswith("/" + name)), "")
+    return next((name for name in TOPICS if topic.endswith("/" + name.lstrip("/"))), "")

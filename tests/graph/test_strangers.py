@@ -2,40 +2,40 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+<<<<<<< HEAD
 import rclpy
 from bow_msgs.action import RunSweep
 from bow_msgs.msg import Health, SweepSpec, Verdicts
 from graph import PATIENCE_S, assert_same_map, verified
+=======
+from desk import Desk, desk
+from graph import assert_same_map, verified
+>>>>>>> manners
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from rclpy.action import ActionClient
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+<<<<<<< HEAD
 from bow_sim.graph.node_base import LATCHED_DEEP, STREAM
 from bow_sim.protocol import cdr
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+=======
+>>>>>>> manners
 from bow_sweep.record.bag import messages
 from bow_sweep.record.node import _class_of
 from bow_sweep.record.topics import TOPICS, full_names
 
-SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
-"""The small sweep of `graph.SMALL`."""
-
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
+<<<<<<< HEAD
 class Desk:
     """Nodes that somebody has started, each in a terminal of its own, and a node of the test's."""
 
@@ -122,6 +122,8 @@ def desk(folder: Path, *arguments: str) -> Iterator[Desk]:
         made.close()
 
 
+=======
+>>>>>>> manners
 def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undisturbed: Path, tmp_path: Path) -> None:
     with desk(tmp_path) as here:
         here.start_all()
