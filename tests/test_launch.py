@@ -16,21 +16,18 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 import yaml
 from checkout import ROOT, assigned
 from launch_stand_ins import (
-    STAND_INS,
     DeclareLaunchArgument,
     ExecuteProcess,
-    Node,
     SetEnvironmentVariable,
-    described,
     launched,
     nodes,
+    put_in_place,
 )
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -40,11 +37,7 @@ FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 @pytest.fixture(autouse=True)
 def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)  # `runs` is made where `ros2 launch` was typed
-    for name, classes in STAND_INS.items():
-        module = ModuleType(name)
-        for one in classes:
-            setattr(module, one.__name__, one)
-        monkeypatch.setitem(sys.modules, name, module)
+    put_in_place(monkeypatch)
 
 
 # ---- the statements
@@ -196,41 +189,6 @@ def test_a_resumed_run_goes_on_where_it_is_and_ends_the_launch(tmp_path: Path) -
     assert graph["coordinator"].given["resume"] == str(unfinished)
     assert graph["coordinator"].given["once"] is True
     assert graph["recorder"].given["run_dir"] == graph["dashboard"].given["run_dir"] == str(unfinished)
-
-
-def commands(entities: list[Any], scratch: Path) -> dict[str, tuple[list[str], dict[str, Any]]]:
-    """What starts each node, and with which parameters: files are read, arguments come after them."""
-    found = {}
-    for name, node in nodes(entities).items():
-        node.command(Path(sys.prefix), scratch)  # as launch does; it fails where a parameter has no form in YAML
-        found[name] = ([node.package, node.executable, node.namespace.strip("/"), *node.ros_arguments], node.given)
-    return found
-
-
-def test_the_example_in_xml_is_the_graph_of_the_python_file(tmp_path: Path) -> None:
-    given: dict[str, object] = {"preset": "fig11d", "log_level": "debug", "use_sim_time": "true", "runs_dir": "runs"}
-    ours = commands(launched("sweep.launch.py", simulators=2, **given), tmp_path)
-    example = commands(described("sweep.launch.xml", **given), tmp_path)
-    assert set(example) == set(ours)
-    for name, (started, parameters) in example.items():
-        assert started == ours[name][0]
-        absolute = parameters | ({"runs_dir": str(tmp_path / "runs")} if "runs_dir" in parameters else {})
-        assert absolute == ours[name][1], name
-    assert set(nodes(described("sweep.launch.xml", dashboard="false"))) == set(ours) - {"dashboard"}
-    for name, node in nodes(described("sweep.launch.xml")).items():
-        assert node.files == [str(ROOT / "config" / "nodes.yaml")]
-        assert node.respawn == (name != "coordinator")
-    with pytest.raises(RuntimeError, match="Valid options are"):
-        described("sweep.launch.xml", log_level="loud")
-
-
-def test_the_example_in_yaml_passes_its_arguments_to_the_python_file() -> None:
-    graph: dict[str, Node] = nodes(described("sweep.launch.yaml", preset="fig11c"))
-    assert "dashboard" not in graph
-    assert graph["coordinator"].given["preset"] == "fig11c"
-    assert graph["coordinator"].given["settings"] == ["x.count=32", "y.count=16"]
-    assert graph["coordinator"].given["once"] is True
-    assert {tuple(node.ros_arguments) for node in graph.values()} == {("--log-level", "warn")}
 
 
 @pytest.mark.parametrize(

@@ -133,16 +133,19 @@ class CoordinatorNode(BowNode):
         self.every(DIAGNOSTICS_S, self._publish_diagnostics)
         try:
             if text["resume"]:
-                run, layers = resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks)
-                self._handle(RunGiven(run, layers))
+                given = RunGiven(*resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 sweep = Sweep.from_spec(text["preset"], [setting for setting in settings if setting])
-                self._handle(RunGiven(self._create_run(sweep)))
+                given = RunGiven(self._create_run(sweep))
             else:
-                self.set_state(Health.READY, "waits for a goal on run_sweep")
+                given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # now, while the other nodes start
+        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        if given is None:
+            self.set_state(Health.READY, "waits for a goal on run_sweep")
+        else:
+            self._handle(given)
 
     def _create_run(self, sweep: Sweep) -> Run:
         """Create the directory of a run; `run_id` and `run_dir` count for the first one only."""
