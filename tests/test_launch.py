@@ -242,9 +242,9 @@ def run(tmp_path: Path) -> Path:
     bag = tmp_path / "a run" / "bag"
     bag.mkdir(parents=True)
     names = ("plan", "bridge_force", "stick_slip", "verdicts", "receipts", "basin_map")
-    topics = [{"topic_metadata": {"name": f"/bow/0123/{name}"}, "message_count": 1} for name in names]
-    information = {"rosbag2_bagfile_information": {"topics_with_message_count": topics}}
-    (bag / "metadata.yaml").write_text(yaml.dump(information))
+    topics = [{"topic_metadata": {"name": f"/bow/{name}"}, "message_count": 1} for name in names]
+    information = {"topics_with_message_count": topics, "custom_data": {"bow.version": "3"}}
+    (bag / "metadata.yaml").write_text(yaml.dump({"rosbag2_bagfile_information": information}))
     return bag.parent
 
 
@@ -252,7 +252,7 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
     entities = launched("replay.launch.py", run=run)
     (play,) = (entity for entity in entities if isinstance(entity, ExecuteProcess))
     assert play.cmd[:4] == ["ros2", "bag", "play", str(run / "bag")]
-    assert "/bow/0123/bridge_force:=/bow/replay/bridge_force" in play.cmd
+    assert "/bow/bridge_force:=/bow/replay/bridge_force" in play.cmd
     assert not [word for word in play.cmd if "verdicts" in word or "receipts" in word]
     assert set(nodes(entities)) == {"classifier", "dashboard"}
     assert {node.namespace for node in nodes(entities).values()} == {"/bow/replay"}
@@ -261,7 +261,11 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
 def test_a_replay_of_no_bag_is_told_so_in_one_line(tmp_path: Path, run: Path) -> None:
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory"):
         launched("replay.launch.py", run=tmp_path)
-    (run / "bag" / "metadata.yaml").write_text("a: [\nb: }")
+    metadata = run / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("bow.version", "of_others"))
+    with pytest.raises(RuntimeError, match="holds messages of a bow before format 3"):
+        launched("replay.launch.py", run=run)
+    metadata.write_text("a: [\nb: }")
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory") as error:
         launched("replay.launch.py", run=run)
     assert len(str(error.value).splitlines()) == 1

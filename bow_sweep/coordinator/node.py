@@ -46,7 +46,7 @@ from bow_sweep.coordinator.session_events import (
     VerdictsReceived,
     WriteResults,
 )
-from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message
+from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message, regimes_message
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import Run, RunError
 
@@ -115,6 +115,7 @@ class CoordinatorNode(BowNode):
         }
         self._map = self.create_publisher(BasinMap, "basin_map", LATCHED)
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
+        self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._chooser = CellChooser(self, lambda: self._session.run)
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
@@ -225,6 +226,7 @@ class CoordinatorNode(BowNode):
             case PublishMap(values):
                 self._map.publish(cdr.encode("BasinMap", values))
                 self._image.publish(image_message(values, self.wall_time()))
+                self._regimes.publish(regimes_message(values, self.wall_time()))
                 self._chooser.take_map(values)
             case PublishFeedback(goal, values):
                 self._goals[goal].publish_feedback(RunSweep.Feedback(**values))
