@@ -149,7 +149,7 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
     shown.until("/bow/coordinator: inspection", DiagnosticStatus.WARN, "frame 'odom': should be in 'basin_map'")
     answer = ask(here, inspector, at=["f_asym=99", "f_init_ratio=1"])
     assert not answer.success
-    assert "the nearest value is 20" in answer.message
+    assert "the nearest is 20" in answer.message
 
     here.start("simulator", "sim")
     result = here.wait(handle.get_result_async()).result
