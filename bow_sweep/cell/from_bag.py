@@ -18,6 +18,7 @@ from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC, MESSAGE_FIXED, MESSAGE_HEAD
+from bow_sweep.record.old_messages import complete
 
 MOST_BYTES = 1 << 28
 """Largest message that is read: the head of a damaged one may state any size."""
@@ -133,7 +134,7 @@ class BagCells:
             parts.append(part_of(row, self.outline.chunk_samples, force["data"], slip))
         return joined(parts, self.outline.chunk_samples)
 
-    def _read(self, place: Place) -> bytes:
+    def _read(self, place: Place) -> cdr.Buffer:
         """Return a whole message; the survey of the index knows its place only.
 
         Raises
@@ -153,7 +154,7 @@ class BagCells:
         data = os.pread(descriptor, length, place.offset) if place.length <= length <= MOST_BYTES else b""
         if len(data) != length:
             raise BagError(f"{place.file.name} has no whole message at byte {place.offset}")
-        return data
+        return complete(data, place.lacking)
 
     def basin(self) -> Basin:
         """Return all recorded verdicts."""

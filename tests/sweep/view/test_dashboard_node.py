@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 import rclpy
 from bow_msgs.msg import BasinMap, Health, InspectedCell, Plan

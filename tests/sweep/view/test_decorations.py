@@ -82,7 +82,8 @@ def plane_of(given, x_name: str, x: np.ndarray, y_name: str, y: np.ndarray) -> S
 def test_every_map_has_the_same_size_and_its_cells_fill_it(nx, ny):
     plane = snapshot(nx, ny)
     centres, (width, height) = decorations.cell_centres(plane), decorations.cell_size(plane)
-    low, high = centres.min(axis=0) - (width / 2, height / 2), centres.max(axis=0) + (width / 2, height / 2)
+    half = np.array([width, height]) / 2
+    low, high = centres.min(axis=0) - half, centres.max(axis=0) + half
     np.testing.assert_allclose([low, high], [(0, 0), (decorations.WIDTH, decorations.HEIGHT)], atol=1e-9)
     for made in all_of(plane):
         (left, right), (top, bottom) = made.bounds
