@@ -150,14 +150,17 @@ class MapLayers:
             self._log(f"{place}/cells", strips, *([] if place in SPOKEN else [names]), static=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Log the pictures of a map, and how many cells have each regime and each transient length."""
+        """Log the pictures of a map, and how many cells have each transient length."""
         for place, codes in self._all_codes(snapshot).items():
             self._show(place, codes)
-        self._log("counts", rr.Scalars(self._motion.of_regimes(self._last).astype(float)))
         self._log("lengths", _bars(snapshot))
 
+    def counts(self) -> None:
+        """Log how many cells of the latest map are in each regime: lines over time, on one timeline only."""
+        self._log("counts", rr.Scalars(self._motion.of_regimes(self._last).astype(float)))
+
     def show_tests(self, tests: Iterable[tuple[int, Snapshot]]) -> None:
-        """Log what :meth:`show` does, on the timeline `test`; it sets the time itself.
+        """Log what :meth:`show` and :meth:`counts` do, on the timeline `test`; it sets the time itself.
 
         Parameters
         ----------

@@ -101,6 +101,7 @@ def test_counts_go_on_in_time(path):
     ((_, names),) = rows(path, "counts", "SeriesLines:names")
     assert names[REGIMES.index("helmholtz")] == "Helmholtz"
     assert len(names) == len(counts[0][1])
+    assert not [when for when, _ in counts if "sample" in when or "test" in when]  # there they would be one point
     times = [when["sweep"] for when, _ in counts]
     assert times == sorted(times)
     assert 0 <= times[0] < 60e9
