@@ -76,12 +76,15 @@ def cells_in(path: Path, run_id: str) -> list[int]:
             warnings.simplefilter("ignore")  # a file without its footer
             reader = RrdReader(path)
             identities = {entry.recording_id for entry in reader.recordings()}
-            found = [re.search(r"cell_(\d+)/order$", str(chunk.entity_path)) for chunk in reader.stream()]
+            found = {}
+            for chunk in reader.stream():
+                if match := re.search(r"cell_(\d+)/order$", str(chunk.entity_path)):
+                    found[int(match[1])] = chunk.to_record_batch().column("number").to_pylist()[0]
     except Exception as error:  # rerun raises any type on a damaged file
         raise ValueError(f"{path}: cannot be read as a recording ({error}); move it away, or give --save") from None
     if identities != {_identity(run_id)}:
         raise ValueError(f"{path}: is not a recording of cells of run {run_id}; move it away, or give --save")
-    return list(dict.fromkeys(int(match[1]) for match in found if match))
+    return sorted(found, key=found.__getitem__)
 
 
 def _identity(run_id: str) -> str:
