@@ -38,6 +38,11 @@ def test_harmonics_have_their_amplitudes() -> None:
     assert found.level[4:].max() < -70
 
 
+def test_a_single_period_has_harmonics_too() -> None:
+    found = analysis.harmonics(wave(139.0, [1.0], mean=5.0), RATE, 139.0, periods=1)
+    assert found.level[0] == pytest.approx(0, abs=0.1)
+
+
 def test_a_spectrum_shows_the_harmonics_at_their_frequencies() -> None:
     found = analysis.spectrum(wave(139.0, [1.0, 0.1]), RATE, 139.0)
     first = RATE / 139
