@@ -20,6 +20,7 @@ IMPURE = {
     "bow_sim.graph.node_process": {"rclpy", "bow_msgs"},
     "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
+    "bow_sweep.coordinator.cell_chooser": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
     "bow_sweep.cell.from_bag": {"mcap"},
