@@ -25,8 +25,12 @@ def test_a_period_is_found_between_the_samples(period: float) -> None:
 
 def test_a_wave_at_rest_or_too_short_has_no_period() -> None:
     assert analysis.period_of(np.full(8000, 3.0), 139) is None
+    assert analysis.period_of(1e-5 * wave(139, [1.0]), 139) is None
     assert analysis.period_of(wave(139, [1.0], samples=300), 139) is None
     assert analysis.period_of(wave(139 * 1.5, [1.0]), 139) is None
+    noise = np.random.default_rng(1).normal(size=8000)
+    assert analysis.period_of(noise, 139) is None
+    assert analysis.period_of(wave(139.4, [1, 0.5, 0.3, 0.2]) + 0.3 * noise, 139) == pytest.approx(139.4, abs=0.1)
 
 
 def test_harmonics_have_their_amplitudes() -> None:

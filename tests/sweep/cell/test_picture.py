@@ -44,7 +44,7 @@ def test_a_cell_without_verdicts_or_period_can_be_drawn(portrait: Portrait) -> N
     picture(bare)
     facts = dict(bare.facts())
     assert facts["regime at the end"] == "pending"
-    assert facts["pitch at the end"] == "no period near the nominal one"
+    assert facts["pitch at the end"] == "none: not periodic near the nominal period"
     assert "not done in the run" in facts["transient"]
 
 
