@@ -21,7 +21,7 @@ from bow_sweep.cell.portrait import Portrait
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.figures.colours import REGIME_COLOURS
 from bow_sweep.view import cell_views
-from bow_sweep.view.cell_views import HAS_AUDIO, HAS_STATES, cells_in, write_cells
+from bow_sweep.view.cell_views import cells_in, write_cells
 from bow_sweep.view.panel import HEIGHT, WIDTH, Panel, ticks
 
 CELLS = (6, 1)
@@ -68,7 +68,6 @@ def test_the_waveform_is_every_sample_of_the_record_once(written: Path, portrait
         assert np.array_equal(np.isfinite(bars), portrait.record.slipping)
 
 
-@pytest.mark.skipif(not HAS_STATES, reason="this rerun has no lanes of states")
 def test_the_lanes_change_where_the_string_and_the_regime_do(written: Path, portraits: list[Portrait]) -> None:
     for portrait in portraits:
         record = portrait.record
@@ -93,7 +92,6 @@ def test_the_pitch_is_in_cents_and_in_the_colour_of_the_regime(written: Path, po
     assert colours == packed
 
 
-@pytest.mark.skipif(not HAS_AUDIO, reason="this rerun has no sound")
 def test_the_sound_is_in_the_file(written: Path) -> None:
     ((_, blob),) = rows(written, "cell_6/sound", "AssetAudio:blob")
     content = bytes(blob[0])
