@@ -4,6 +4,7 @@ parser        the parser of all commands, and what runs one
 sweep         `bow sweep`
 sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
+inspect       `bow inspect`
 transient     `bow transient`
 verify        `bow verify`
 replay        `bow replay`
