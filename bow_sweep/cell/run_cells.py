@@ -223,7 +223,7 @@ class RunCells:
             return wave, None, f"there is no bag to hold it against; {kernel}"
         block = self.bag.block_of(cell)
         if block is None:
-            return wave, None, f"the run did not simulate this cell, it is predicted in the map; {kernel}"
+            return wave, None, f"it is predicted in the map; {kernel}"
         try:
             recorded = self.bag.waveform(cell)
         except CellError:
