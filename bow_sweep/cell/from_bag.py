@@ -136,9 +136,15 @@ class BagCells:
             parts.append(part_of(row, self.outline.chunk_samples, force["data"], slip))
         return joined(parts, self.outline.chunk_samples)
 
-    def _read(self, place: Place) -> cdr.Buffer:
-        """Return a whole message."""
-        return self._chunks.read(place)
+    def _read(self, place: Place) -> bytes:
+        """Return a whole message; the survey of the index knows its place only.
+
+        Raises
+        ------
+        BagError
+            Where it is in a compressed chunk, or the file ends before it.
+        """
+        return bytes(self._chunks.read(place))
 
     def basin(self) -> Basin:
         """Return all recorded verdicts."""
