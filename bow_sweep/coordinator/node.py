@@ -21,7 +21,7 @@ from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sweep.coordinator import diagnostics
 from bow_sweep.coordinator.cell_chooser import CellChooser
-from bow_sweep.coordinator.goals import GOAL_WAIT_S, GoalGate, Hold
+from bow_sweep.coordinator.goals import GOAL_WAIT_S, GoalGate, Hold, is_wrong
 from bow_sweep.coordinator.results import playability_of, prepare, write_results
 from bow_sweep.coordinator.resume import resume
 from bow_sweep.coordinator.session import TICK_S, CoordinatorSession
@@ -174,7 +174,8 @@ class CoordinatorNode(BowNode):
         key = bytes(goal.goal_id.uuid)
         self._goals[key] = goal
         event = GoalAccepted(key, goal.request.spec.preset, tuple(goal.request.spec.settings))
-        self._goal_goes_on(event if self._session.refuses(event) else self._gate.take(event, *self._who_is_missing()))
+        refused = self._session.run is not None or is_wrong(event)  # the session says why
+        self._goal_goes_on(event if refused else self._gate.take(event, *self._who_is_missing()))
 
     def _goal_goes_on(self, what: GoalAccepted | GoalRefused | Hold | None) -> None:
         """Do with a goal what the gate says."""
