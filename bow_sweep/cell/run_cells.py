@@ -174,7 +174,8 @@ class RunCells:
         Raises
         ------
         CellError
-            For a cell that the map does not have; with "bag", one that is not whole and undamaged in the bag.
+            For a cell that the map does not have; with "bag", one that is not whole and undamaged in the bag; with
+            "auto", one that the run has given up.
         """
         if source not in SOURCES:
             raise CellError(f"source {source!r}: should be one of {', '.join(SOURCES)}")
@@ -196,6 +197,9 @@ class RunCells:
             except CellError as error:
                 if source == "bag":
                     raise
+                if self.bag is not None and self.bag.given_up(cell):
+                    what = "its block was given up, because simulators died of it"
+                    raise CellError(f"cell {cell}: {what}; ask for it computed to try it here") from None
                 reason = f"{error}; computed again: "
         wave, checked, why = self._computed(cell)
         return self._complete(cell, wave, "computed", checked, reason + why)
