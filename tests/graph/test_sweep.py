@@ -72,7 +72,7 @@ def test_interrupted_it_stops_in_order_and_says_how_to_go_on(
         assert sweep.wait() == 130, sweep.text
         assert f"bow sweep --resume {run}" in sweep.text
     assert orphans(run) == []
-    assert_gone_on_with(run, undisturbed)
+    assert_gone_on_with(run, undisturbed, shown=True)
 
 
 def test_a_second_ctrl_c_changes_nothing(tmp_path: Path) -> None:
