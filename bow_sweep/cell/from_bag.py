@@ -14,7 +14,7 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.record.bag import BagError, bag_files
-from bow_sweep.record.bag_contents import Place, Survey
+from bow_sweep.record.bag_contents import Place, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
@@ -52,6 +52,8 @@ class BagCells:
     ----------
     directory
         Of the bag.
+    progress
+        Called with (done, total) bytes of the bag's files.
 
     Attributes
     ----------
@@ -66,10 +68,10 @@ class BagCells:
         Where the bag cannot be read, or holds no plan.
     """
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, progress: Progress | None = None) -> None:
         self._survey = _CellSurvey(directory)
         try:
-            self._survey.read()
+            self._survey.read(progress)
         except OSError as error:
             raise CellError(f"{directory}: cannot be read: {error.strerror}") from None
         if self._survey.expected is None:

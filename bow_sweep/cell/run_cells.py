@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +22,8 @@ from bow_sweep.plan.sweep import Sweep
 
 if TYPE_CHECKING:
     from bow_sweep.cell.from_bag import BagCells
+
+Progress = Callable[[float, float], None]
 
 SOURCES = ("auto", "bag", "computed")
 """Where a waveform may come from; "auto" is the bag, and where that does not have the cell, the kernel."""
@@ -44,6 +46,9 @@ class RunCells:
     run_directory
         Of the run: with ``map.npz``, ``bag/`` or both. Without a bag all cells are computed again; without a map the
         recorded verdicts make one.
+    progress
+        Called with (done, total) while the index of the bag is read; that takes long only for a bag that was not
+        closed, of which everything is read.
 
     Raises
     ------
@@ -51,9 +56,9 @@ class RunCells:
         Where there is neither, or one of them cannot be read, or they are of different runs.
     """
 
-    def __init__(self, run_directory: str | Path) -> None:
+    def __init__(self, run_directory: str | Path, progress: Progress | None = None) -> None:
         self.directory = Path(run_directory)
-        self.bag = _open_bag(self.directory)
+        self.bag = _open_bag(self.directory, progress)
         self.map = self._map()
         self._kept: OrderedDict[tuple[int, str], CellRecord] = OrderedDict()
         self._sweep: Sweep | None = None
@@ -310,13 +315,13 @@ class RunCells:
         )
 
 
-def _open_bag(directory: Path) -> BagCells | None:
+def _open_bag(directory: Path, progress: Progress | None) -> BagCells | None:
     """Return the bag of a run; None where there is none."""
     from bow_sweep.cell.from_bag import BagCells, has_bag
 
     for folder in (directory / BAG, directory):
         if has_bag(folder):
-            return BagCells(folder)
+            return BagCells(folder, progress)
     return None
 
 

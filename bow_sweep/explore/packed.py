@@ -35,6 +35,8 @@ class LastPeriods:
         (slips,) uint32, samples since the first of `force`.
     computed
         Number of cells that were computed again, because the bag does not have them.
+    why
+        Reason of the first of them; "" for none.
     """
 
     force: NDArray[np.float32]
@@ -42,6 +44,7 @@ class LastPeriods:
     onset: NDArray[np.uint32]
     duration: NDArray[np.uint32]
     computed: int
+    why: str
 
 
 def last_periods(run: RunCells, periods: int, progress: Progress | None = None) -> LastPeriods:
@@ -76,8 +79,11 @@ def last_periods(run: RunCells, periods: int, progress: Progress | None = None) 
             if progress is not None:
                 progress(done, run.cells)
 
-    take(_recorded(run, periods))
+    reasons = ["there is no bag" if run.bag is None else ""]
+    take(_recorded(run, periods, reasons))
     computed = int(missing.sum())
+    if computed and not any(reasons):
+        reasons.append("the run did not simulate them")
     take(_computed(run, np.flatnonzero(missing), periods))
     counts = [len(onset) for onset, _ in slips]
     return LastPeriods(
@@ -86,11 +92,12 @@ def last_periods(run: RunCells, periods: int, progress: Progress | None = None) 
         onset=np.concatenate([onset for onset, _ in slips]).astype(np.uint32),
         duration=np.concatenate([duration for _, duration in slips]).astype(np.uint32),
         computed=computed,
+        why=next(filter(None, reasons), "") if computed else "",
     )
 
 
-def _recorded(run: RunCells, periods: int) -> Iterator[tuple[NDArray[np.intp], list[Any]]]:
-    """Yield the cells of each block in the bag, and their last chunks; a damaged block is left out."""
+def _recorded(run: RunCells, periods: int, reasons: list[str]) -> Iterator[tuple[NDArray[np.intp], list[Any]]]:
+    """Yield the cells of each block in the bag, and their last chunks; reasons why blocks are left out are added."""
     if run.bag is None:
         return
     outline = run.bag.outline
@@ -98,7 +105,8 @@ def _recorded(run: RunCells, periods: int) -> Iterator[tuple[NDArray[np.intp], l
     for block in range(outline.planned.count):
         try:
             streams = [run.bag.streams(block, chunk) for chunk in wanted]
-        except CellError:
+        except CellError as error:
+            reasons.append(str(error))
             continue
         yield np.asarray(outline.block(block), np.intp), [(force["data"], slip) for force, slip in streams]
 

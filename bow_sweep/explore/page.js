@@ -1,10 +1,21 @@
 // The page's own code, the same in a served and in a saved page. Bokeh draws; this chooses, shows and plays.
 "use strict";
 window.bow = {
+  maps: [], // what is known of each run, from page.py; kept here because each callback of Bokeh gets a copy
+
+  // Begin: show the first layer and cell.
+  start(maps, chosen, select, slider) {
+    Object.assign(bow, {maps, chosen, select, slider});
+    bow.show();
+    bow.chose();
+    bow.keys();
+  },
+
   // ---- the map
 
   // Show a layer after a test: its values, colours, colour bar and legend, in every map that has it.
-  show(maps, select, slider) {
+  show() {
+    const {maps, select, slider} = bow;
     let by_test = false;
     for (const map of maps) {
       const layer = map.layers[select.value] ?? map.layers["transient"];
@@ -35,37 +46,43 @@ window.bow = {
   },
 
   // Choose a cell of one map, and the nearest one of the other.
-  choose(maps, run, cell, chosen) {
+  choose(run, cell) {
     if (cell < 0) return;
-    const cells = maps.map((map, other) => other === run ? cell : maps[run].nearest[other][cell]);
-    chosen.data = {cell: cells};
+    const cells = bow.maps.map((map, other) => other === run ? cell : bow.maps[run].nearest[other][cell]);
+    bow.chosen.data = {cell: cells};
   },
 
-  mark(maps, chosen) {
-    maps.forEach((map, run) => {
-      const cell = chosen.data.cell[run], nx = map.shape[1];
+  tap(run, x, y) {
+    bow.choose(run, bow.cell_at(bow.maps[run], x, y));
+  },
+
+  // A cell is chosen in every map: mark it, describe it, and in a saved page show its samples.
+  chose() {
+    bow.maps.forEach((map, run) => {
+      const cell = bow.chosen.data.cell[run], nx = map.shape[1];
       map.marker.data = {x: [cell % nx + 0.5], y: [Math.floor(cell / nx) + 0.5]};
       map.details.text = bow.details(map, cell);
+      if (map.packed) bow.unpack(map, cell);
     });
   },
 
   // Arrow keys go to the neighbouring cell of the first map.
-  keys(maps, chosen) {
+  keys() {
     const steps = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1]};
     document.addEventListener("keydown", (event) => {
       const step = steps[event.key], within = event.composedPath()[0];
       if (step === undefined || event.ctrlKey || event.altKey || event.metaKey || event.shiftKey) return;
       if (["INPUT", "SELECT", "TEXTAREA"].includes(within.tagName) || within.role === "slider") return;
       if (within.classList?.contains("noUi-handle")) return;
-      const nx = maps[0].shape[1], cell = chosen.data.cell[0];
+      const nx = bow.maps[0].shape[1], cell = bow.chosen.data.cell[0];
       event.preventDefault();
-      bow.choose(maps, 0, bow.cell_at(maps[0], cell % nx + step[0], Math.floor(cell / nx) + step[1]), chosen);
+      bow.tap(0, cell % nx + step[0], Math.floor(cell / nx) + step[1]);
     });
   },
 
   // What hovering says of a cell: `what` is the name of a line.
-  hover(map, what, x, y) {
-    const cell = bow.cell_at(map, x, y);
+  hover(run, what, x, y) {
+    const map = bow.maps[run], cell = map ? bow.cell_at(map, x, y) : -1;
     if (cell < 0) return "";
     const [ny, nx] = map.shape;
     if (what === "x") return bow.number(map.x[cell % nx]) + map.x_unit;
@@ -101,26 +118,25 @@ window.bow = {
 
   // ---- one cell of a saved page
 
-  // Put the last periods of the chosen cells into their plots.
-  unpack(maps, chosen) {
-    maps.forEach((map, run) => {
-      const cell = chosen.data.cell[run], nx = map.shape[1], packed = map.packed.data, samples = map.samples;
-      const small = bow.part(packed.force[0], cell * samples, (cell + 1) * samples);
-      const middle = packed.middle[0][cell], step = packed.step[0][cell];
-      const force = Float32Array.from(small, (value) => middle + step * value);
-      const time = Float64Array.from(small, (_, sample) => (map.first + sample) / map.period);
-      map.wave.data = {time, force};
-      const from = packed.offset[0][cell], to = packed.offset[0][cell + 1];
-      const left = Array.from(bow.part(packed.onset[0], from, to), (onset) => (map.first + onset) / map.period);
-      const right = left.map((start, slip) => start + packed.duration[0][from + slip] / map.period);
-      map.slips.data = {left, right};
-      const known = packed.period[0][cell];
-      const period = known > 0 ? known : map.period;
-      map.heard = {force, period, rate: map.rate};
-      const [spectrum, harmonics] = small.some((value) => value !== 0) ? bow.spectra(force, period, map.rate) : [bow.none(), bow.none()];
-      map.spectrum.data = spectrum;
-      map.harmonics.data = harmonics;
-    });
+  // Put the last periods of a cell into its plots.
+  unpack(map, cell) {
+    const packed = map.packed.data, samples = map.samples;
+    const small = bow.part(packed.force[0], cell * samples, (cell + 1) * samples);
+    const middle = packed.middle[0][cell], step = packed.step[0][cell];
+    const force = Float32Array.from(small, (value) => middle + step * value);
+    const time = Float64Array.from(small, (_, sample) => (map.first + sample) / map.period);
+    map.wave.data = {time, force};
+    const from = packed.offset[0][cell], to = packed.offset[0][cell + 1];
+    const left = Array.from(bow.part(packed.onset[0], from, to), (onset) => (map.first + onset) / map.period);
+    const right = left.map((start, slip) => start + packed.duration[0][from + slip] / map.period);
+    map.slips.data = {left, right};
+    const known = packed.period[0][cell];
+    const period = known > 0 ? known : map.period;
+    map.heard = {force, period, rate: map.rate};
+    const moves = small.some((value) => value !== 0);
+    const [spectrum, harmonics] = moves ? bow.spectra(force, period, map.rate) : [bow.none(), bow.none()];
+    map.spectrum.data = spectrum;
+    map.harmonics.data = harmonics;
   },
 
   // A part of one of Bokeh's arrays as a plain one: theirs do not know subarray().
@@ -206,8 +222,9 @@ window.bow = {
   },
 
   // A saved page: the last periods as one loop, made into a sound by the browser's own synthesis, which is band-limited.
-  async play_loop(heard, seconds) {
+  async play_loop(run, seconds) {
     bow.ready();
+    const {heard} = bow.maps[run];
     const rate = 48000, {loop, periods} = bow.loop(heard.force, heard.period);
     const count = Math.floor(loop.length / 2), real = new Float32Array(count), imag = new Float32Array(count);
     for (let n = 1; n < count; n++) {

@@ -124,14 +124,14 @@ class Page:
     select: Select
     slider: Slider
     layout: UIElement
-    ready: list[CustomJS]
+    ready: CustomJS
 
     def add_to(self, document: Document) -> None:
         """Add the page to an empty document."""
         document.title = f"{TITLE}: {' and '.join(panel.shown.name for panel in self.panels)}"
         document.template = template()
         document.add_root(self.layout)
-        document.js_on_event("document_ready", *self.ready)
+        document.js_on_event("document_ready", self.ready)
 
 
 @cache
@@ -174,20 +174,19 @@ def page_of(runs: Sequence[Shown], last_periods: int | None = None, all_tests: b
     slider = _slider([run.map for run in runs])
     for panel, run in zip(panels, runs, strict=True):
         panel.script["nearest"] = [nearest_cells(run.map, other.map) for other in runs]
-    maps = [panel.script for panel in panels]
-    given = {"maps": maps, "chosen": chosen, "select": select, "slider": slider}
-    show = CustomJS(args=given, code="bow.show(maps, select, slider)")
+    show = CustomJS(code="bow.show()")
     select.js_on_change("value", show)
     slider.js_on_change("value", show)
-    chosen.js_on_change("data", CustomJS(args=given, code="bow.mark(maps, chosen)"))
-    ready = CustomJS(args=given, code="bow.show(maps, select, slider); bow.keys(maps, chosen); bow.mark(maps, chosen)")
+    chosen.js_on_change("data", CustomJS(code="bow.chose()"))
+    maps = [panel.script for panel in panels]
+    given = {"maps": maps, "chosen": chosen, "select": select, "slider": slider}
+    ready = CustomJS(args=given, code="bow.start(maps, chosen, select, slider)")
     spans = [_periods(run) for run in runs]
     linked = len(set(spans)) == 1
     ranges: list[Range1d] = []
     for number, panel in enumerate(panels):
         figure = panel.parts["map"]
-        tap = f"bow.choose(maps, {number}, bow.cell_at(maps[{number}], cb_obj.x, cb_obj.y), chosen)"
-        figure.js_on_event("tap", CustomJS(args=given, code=tap))
+        figure.js_on_event("tap", CustomJS(code=f"bow.tap({number}, cb_obj.x, cb_obj.y)"))
         if not ranges or not linked:
             begin = max(0.0, spans[number] - min(10, last_periods or 10))
             ranges = [Range1d(start=begin, end=spans[number]), plots.hearing_range(panel.shown.sample_rate)]
@@ -195,7 +194,8 @@ def page_of(runs: Sequence[Shown], last_periods: int | None = None, all_tests: b
     head = row(_heading(runs, comparable), select, slider, sizing_mode="stretch_width", spacing=16)
     body = _one(panels[0]) if len(panels) == 1 else _two(panels)
     layout = column(head, body, sizing_mode="stretch_both", spacing=4)
-    return Page(panels, chosen, select, slider, layout, [ready])
+    layout.tags = [ready]  # so that the sources that no figure shows belong to the document
+    return Page(panels, chosen, select, slider, layout, ready)
 
 
 def _periods(run: Shown) -> float:
@@ -269,7 +269,7 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
         "regime_colours": [hex_colour(colour) for colour in regime_colours(plane.regime_names)],
         "terrain_names": [terrain_label(kind) for kind in TERRAINS],
     }
-    figure.add_tools(_hover(plane, script, image))
+    figure.add_tools(_hover(plane, image, number=1 if letter == "B" else 0))
     sources: dict[str, Any] = {
         name: ColumnDataSource(name=f"{name}{letter}", data={column: [] for column in columns})
         for name, columns in plots.COLUMNS.items()
@@ -283,8 +283,8 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
     return panel
 
 
-def _hover(plane: MapFile, script: dict[str, Any], image: Any) -> HoverTool:
-    tell = CustomJSHover(args={"map": script}, code="return bow.hover(map, format, special_vars.x, special_vars.y)")
+def _hover(plane: MapFile, image: Any, number: int) -> HoverTool:
+    tell = CustomJSHover(code=f"return bow.hover({number}, format, special_vars.x, special_vars.y)")
     x, y = plane.axes
     lines = [
         (_symbol(x), "@image{x}"),

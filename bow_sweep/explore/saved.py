@@ -86,7 +86,8 @@ def save_page(
             before = sum(len(end.force) for end in ends)
             report = None if progress is None else _later(progress, before, total)
             ends.append(last_periods(run, kept, report))
-        _connect(page)
+        for number, panel in enumerate(page.panels):
+            panel.play.js_on_click(CustomJS(code=f"bow.play_loop({number}, {SECONDS})"))
         for bits in (16, 8):
             for panel, run, end in zip(page.panels, opened, ends, strict=True):
                 _fill(panel, run, end, bits, kept)
@@ -105,7 +106,8 @@ def save_page(
     if tests > 1 and not page.panels[0].all_tests:
         said += ", the results of the last test only (all tests would make it too large)"
     if computed:
-        said += f"; {computed} cells are not in the bag and were computed again"
+        why = next(filter(None, (end.why for end in ends)))
+        said += f"; {computed} cells were computed again: {why}"
     return said
 
 
@@ -161,15 +163,6 @@ def _fill(panel: Panel, run: RunCells, end: LastPeriods, bits: int, periods: int
         f"the last {periods} periods of the run with {bits} bits: to {worst:.1g}. "
         f"Sound: these periods repeated for {SECONDS:g} s at 48 kHz."
     )
-
-
-def _connect(page: Page) -> None:
-    """Let the page take samples and sound out of itself."""
-    given = {"maps": [panel.script for panel in page.panels], "chosen": page.chosen}
-    page.chosen.js_on_change("data", CustomJS(args=given, code="bow.unpack(maps, chosen)"))
-    page.ready.append(CustomJS(args=given, code="bow.unpack(maps, chosen)"))
-    for number, panel in enumerate(page.panels):
-        panel.play.js_on_click(CustomJS(args=given, code=f"bow.play_loop(maps[{number}].heard, {SECONDS})"))
 
 
 def _text(page: Page) -> str:
