@@ -216,27 +216,28 @@ def _unknown(grid: np.ndarray) -> tuple[Entry, ...]:
     return (Entry("none", GREY, _share(missing)),) if missing.any() else ()
 
 
-ONLY_FIRST, ONLY_SECOND, NEITHER = -1e6, 1e6, np.nan
-"""Values of a difference where only one map has a transient length, or none."""
+ONLY_FIRST, ONLY_SECOND = -1e6, 1e6
+"""Values of a difference where Helmholtz motion came in one map only."""
 
 
 def difference_layer(first: MapFile, second: MapFile) -> Layer:
     """Return by how many periods the transient is longer in the second of two maps of one plane.
 
-    Cells with Helmholtz motion in one of them only are beyond the scale: `ONLY_FIRST`, `ONLY_SECOND`; NaN is neither,
-    or not computed in one of them.
+    Cells with Helmholtz motion in one of them only are beyond the scale: `ONLY_FIRST`, `ONLY_SECOND`. The first colour
+    of the scale is for those with Helmholtz motion in neither. NaN is not computed in one of them.
     """
     one, two = (np.asarray(plane.transient_periods, float) for plane in (first, second))
     unknown = np.isnan(one) | np.isnan(two)
-    values = np.where((one > 0) & (two > 0), two - one, NEITHER)
-    values = np.where((one > 0) & (two == 0), ONLY_FIRST, np.where((one == 0) & (two > 0), ONLY_SECOND, values))
-    values = np.where(unknown, NEITHER, values).astype(np.float32)
-    both = values[np.isfinite(values) & (np.abs(values) < ONLY_SECOND)]
-    widest = 10 * math.ceil(max(1.0, float(np.max(np.abs(both), initial=0.0))) / 10)
+    both, neither = (one > 0) & (two > 0), (one == 0) & (two == 0)
+    widest = 10 * math.ceil(max(1.0, float(np.max(np.abs(two - one), where=both, initial=0.0))) / 10)
+    end = widest + 1.0  # no value is at an end, where rounding would decide its colour
+    step = 2 * end / STEPS
+    values = np.where(both, two - one, np.where(neither, -end - step / 2, np.where(one > 0, ONLY_FIRST, ONLY_SECOND)))
+    values = np.where(unknown, np.nan, values).astype(np.float32)
     shares = {
         "Helmholtz motion in A only": (_ONLY_FIRST, values == ONLY_FIRST),
         "in B only": (_ONLY_SECOND, values == ONLY_SECOND),
-        "in neither": (BLACK, np.isnan(values) & ~unknown),
+        "in neither": (BLACK, neither),
         "not computed": (GREY, unknown),
     }
     legend = tuple(Entry(words, colour, _share(mask)) for words, (colour, mask) in shares.items() if mask.any())
@@ -244,12 +245,12 @@ def difference_layer(first: MapFile, second: MapFile) -> Layer:
         "difference",
         "difference of transient length, B − A",
         (values,),
-        _diverging(STEPS - 1),
-        -widest,
-        widest,
+        np.concatenate([np.array([BLACK], np.uint8), _diverging(STEPS)]),
+        -end - step,
+        end,
         _ONLY_FIRST,
         _ONLY_SECOND,
-        BLACK if not unknown.any() else GREY,
+        GREY,
         (legend,),
         tuple(np.linspace(-widest, widest, 5).tolist()),
         "periods; red: later in B",

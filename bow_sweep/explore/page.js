@@ -23,7 +23,7 @@ window.bow = {
       by_test ||= values.length > 1;
       const after = map.test_periods.findLastIndex((periods) => periods <= slider.value);
       const test = values.length > 1 ? Math.max(0, after) : 0;
-      map.test = test;
+      map.test = values.length > 1 ? test : map.test_periods.length - 1; // what hovering tells of
       map.now = select.value in map.layers ? select.value : "transient";
       const {palette, low, high, low_color, high_color, nan_color} = layer.mapper;
       map.mapper.setv({palette, low, high, low_color, high_color, nan_color});
@@ -89,7 +89,7 @@ window.bow = {
     if (what === "y") return bow.number(map.y[Math.floor(cell / nx)]) + map.y_unit;
     const at = (name) => {
       const values = map.layers[name]?.source.data.values;
-      return values === undefined ? NaN : values[values.length > 1 ? map.test ?? values.length - 1 : 0][cell];
+      return values === undefined ? NaN : values[values.length > 1 ? map.test : 0][cell];
     };
     if (what === "regime") return map.regime_names[at("regime")] ?? "not computed";
     if (what === "confidence") return Number.isFinite(at("confidence")) ? at("confidence").toFixed(2) : "not known";
