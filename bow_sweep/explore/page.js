@@ -97,12 +97,20 @@ window.bow = {
     if (what === "test") {
       return bow.number(at("correlation")) + ", " + bow.number(at("slips")) + ", " + bow.number(at("corners"));
     }
+    if (what === "difference") return bow.difference(at("difference"), map.layers.difference.mapper);
     if (what === "terrain") return map.terrain_names[at("terrain")] ?? "not computed";
     return "";
   },
 
   length(periods) {
     return Number.isNaN(periods) ? "not computed" : periods > 0 ? bow.number(periods) + " periods" : "never Helmholtz motion";
+  },
+
+  difference(periods, {low, high}) {
+    if (Number.isNaN(periods)) return "not computed";
+    if (periods > high) return "Helmholtz motion in B only";
+    if (periods < low) return "Helmholtz motion in A only";
+    return periods < -high ? "never in both" : `${periods > 0 ? "+" : ""}${bow.number(periods)} periods`;
   },
 
   // When Helmholtz motion came, after the name of the regime at the end.

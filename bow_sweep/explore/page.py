@@ -269,7 +269,7 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
         "regime_colours": [hex_colour(colour) for colour in regime_colours(plane.regime_names)],
         "terrain_names": [terrain_label(kind) for kind in TERRAINS],
     }
-    figure.add_tools(_hover(plane, image, number=1 if letter == "B" else 0))
+    figure.add_tools(_hover(plane, image, number=1 if letter == "B" else 0, difference="difference" in known))
     sources: dict[str, Any] = {
         name: ColumnDataSource(name=f"{name}{letter}", data={column: [] for column in columns})
         for name, columns in plots.COLUMNS.items()
@@ -283,7 +283,7 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
     return panel
 
 
-def _hover(plane: MapFile, image: Any, number: int) -> HoverTool:
+def _hover(plane: MapFile, image: Any, number: int, difference: bool) -> HoverTool:
     tell = CustomJSHover(code=f"return bow.hover({number}, format, special_vars.x, special_vars.y)")
     x, y = plane.axes
     lines = [
@@ -294,6 +294,7 @@ def _hover(plane: MapFile, image: Any, number: int) -> HoverTool:
         ("transient", "@image{transient}"),
         ("correlation, slips, corners", "@image{test}"),
         ("terrain", "@image{terrain}"),
+        *([("transient in B − A", "@image{difference}")] if difference else []),
     ]
     return HoverTool(renderers=[image], tooltips=lines, formatters={"@image": tell})
 

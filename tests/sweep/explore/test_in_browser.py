@@ -230,6 +230,14 @@ def test_two_runs_show_the_same_cell(two: Tab, first_run: Path, second_run: Path
         assert tab.chosen() == [cell, cell]
     heading = tab.page.get_by_text("A / B differ in: v_mid 0.2 / 0.7")
     assert heading.count() == 1
+    change = np.asarray(read_map(second_run).transient_periods - read_map(first_run).transient_periods)
+    both = np.logical_and(*(np.nan_to_num(read_map(run).transient_periods) > 0 for run in (first_run, second_run)))
+    iy, ix = np.argwhere(both)[0]
+    tab.page.mouse.move(*tab.place("mapB", ix + 0.4, iy + 0.5))
+    tab.page.mouse.move(*tab.place("mapB", ix + 0.5, iy + 0.5))
+    tip = tab.page.locator(".bk-tooltip-content")
+    tip.wait_for()
+    assert f"transient in B − A: {change[iy, ix]:+g} periods".replace("+0 ", "0 ") in " ".join(tip.inner_text().split())
     tab.show("difference")
     tab.until("bow.maps[1].now === 'difference'")
     wanted = difference_layer(read_map(first_run), read_map(second_run)).colours()
