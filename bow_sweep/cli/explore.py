@@ -68,6 +68,7 @@ def _explore(args: argparse.Namespace) -> int:
 def _serve(args: argparse.Namespace, names: list[str]) -> int:
     from bow_sweep.explore.browser import open_in_browser
     from bow_sweep.explore.served import PortError, serve
+    from bow_sweep.processes.progress import percentages
 
     def started(address: str) -> None:
         print(f"{address}  shows {' and '.join(names)}; Ctrl-C ends it", flush=True)
@@ -75,7 +76,7 @@ def _serve(args: argparse.Namespace, names: list[str]) -> int:
             open_in_browser(address, lambda why: warn(f"{why}; open {address} yourself"))
 
     try:
-        serve(args.runs, names, args.port, started)
+        serve(args.runs, names, args.port, started, percentages("explore: reading the bag"))
     except PortError as error:
         return fail(str(error))
     return DONE

@@ -18,7 +18,7 @@ BATCH = 512
 """Cells that are computed together."""
 
 Progress = Callable[[float, float], None]
-"""Called with (done, total), in cells."""
+"""Called with (done, total)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,9 @@ class LastPeriods:
         Number of cells that were computed again, because the bag does not have them.
     why
         Reason of the first of them; "" for none.
+    given_up
+        Number of cells whose block the run has given up, because simulators died of it: they are not computed, and
+        rest in `force`.
     """
 
     force: NDArray[np.float32]
@@ -45,6 +48,7 @@ class LastPeriods:
     duration: NDArray[np.uint32]
     computed: int
     why: str
+    given_up: int
 
 
 def last_periods(run: RunCells, periods: int, progress: Progress | None = None) -> LastPeriods:
@@ -81,6 +85,12 @@ def last_periods(run: RunCells, periods: int, progress: Progress | None = None) 
 
     reasons = ["there is no bag" if run.bag is None else ""]
     take(_recorded(run, periods, reasons))
+    given_up = 0
+    if run.bag is not None:
+        for cell in np.flatnonzero(missing).tolist():
+            if run.bag.given_up(cell):
+                missing[cell] = False
+                given_up += 1
     computed = int(missing.sum())
     if computed and not any(reasons):
         reasons.append("the run did not simulate them")
@@ -93,6 +103,7 @@ def last_periods(run: RunCells, periods: int, progress: Progress | None = None) 
         duration=np.concatenate([duration for _, duration in slips]).astype(np.uint32),
         computed=computed,
         why=next(filter(None, reasons), "") if computed else "",
+        given_up=given_up,
     )
 
 

@@ -71,7 +71,7 @@ def save_page(
         Where the file cannot be written.
     """
     check_page(path)
-    opened = [RunCells(run) for run in runs]
+    opened = [RunCells(run, progress) for run in runs]
     try:
         longest = min(run.sweep.parameters.chunks * CHUNK_PERIODS for run in opened)
         kept = min(CHUNK_PERIODS, longest) if periods is None else periods
@@ -108,6 +108,8 @@ def save_page(
     if computed:
         why = next(filter(None, (end.why for end in ends)))
         said += f"; {computed} cells were computed again: {why}"
+    if given_up := sum(end.given_up for end in ends):
+        said += f"; {given_up} cells have no waveform, because the run has given them up"
     return said
 
 

@@ -21,6 +21,7 @@ from bokeh.server.server import Server
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cell.sound import SoundError, sound_of
 from bow_sweep.cell.waveform import CellError
+from bow_sweep.explore.packed import Progress
 from bow_sweep.explore.page import SECONDS, Page, Panel, Shown, page_of
 from bow_sweep.explore.plots import COLUMNS
 from bow_sweep.explore.samples import columns_of
@@ -97,7 +98,13 @@ def show_cell(panel: Panel, run: RunCells, cell: int) -> None:
     panel.say(record.why)
 
 
-def serve(runs: Sequence[Path], names: Sequence[str], port: int, started: Callable[[str], None]) -> None:
+def serve(
+    runs: Sequence[Path],
+    names: Sequence[str],
+    port: int,
+    started: Callable[[str], None],
+    progress: Progress | None = None,
+) -> None:
     """Serve the page on `LOOPBACK` until SIGINT or SIGTERM.
 
     Parameters
@@ -108,6 +115,8 @@ def serve(runs: Sequence[Path], names: Sequence[str], port: int, started: Callab
         0 for a free one.
     started
         Called once with the address, when the page can be opened.
+    progress
+        Called with (done, total) while bags are read that were not closed.
 
     Raises
     ------
@@ -116,7 +125,7 @@ def serve(runs: Sequence[Path], names: Sequence[str], port: int, started: Callab
     PortError
         Where the port cannot be used.
     """
-    opened = [RunCells(run) for run in runs]
+    opened = [RunCells(run, progress) for run in runs]
     for run in opened:
         _ = run.sweep  # raises where the settings are not known
     # What browsers ask for and is not there, and connections that end early, are no news for the user.

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recording
 
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.explore.packed import last_periods, pack
@@ -57,3 +58,14 @@ def test_a_packed_sample_is_right_to_half_a_step(bits: int) -> None:
     top = 2 ** (bits - 1) - 1
     assert np.abs(packed.values[1]).max() == top  # the whole range is used
     np.testing.assert_array_equal(packed.values[4], 0)
+
+
+def test_cells_that_the_run_has_given_up_are_left_at_rest(tmp_path: Path) -> None:
+    recording.quarantined_run(tmp_path / "run")
+    with RunCells(tmp_path / "run") as run:
+        found = last_periods(run, 5)
+        lost = run.sweep.block(1)
+        assert found.given_up == len(lost) > 0
+        assert found.computed == 0
+        assert not found.force[lost].any()
+        assert found.force.any(axis=1).sum() == run.cells - len(lost)
