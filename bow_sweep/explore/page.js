@@ -91,7 +91,7 @@ window.bow = {
       const values = map.layers[name]?.source.data.values;
       return values === undefined ? NaN : values[values.length > 1 ? map.test : 0][cell];
     };
-    if (what === "regime") return map.regime_names[at("regime")] ?? "not computed";
+    if (what === "regime") return map.regime_names[at("regime")] ?? (map.predicted?.[cell] ? "predicted" : "not computed");
     if (what === "confidence") return Number.isFinite(at("confidence")) ? at("confidence").toFixed(2) : "not known";
     if (what === "transient") return bow.length(at("transient"));
     if (what === "test") {
@@ -197,7 +197,7 @@ window.bow = {
     const words = {
       x: bow.number(map.x[cell % nx]) + map.x_unit,
       y: bow.number(map.y[Math.floor(cell / nx)]) + map.y_unit,
-      regime: map.regime_names[code] ?? "not computed",
+      regime: map.regime_names[code] ?? (map.predicted?.[cell] ? "not simulated in this run, predicted" : "not computed"),
       colour: map.regime_colours[code] ?? "#969696",
       confidence: Number.isFinite(at("confidence")) ? ` (confidence ${at("confidence").toFixed(2)})` : "",
       transient: bow.came(map.regime_names[code], at("transient")),

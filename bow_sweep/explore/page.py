@@ -265,6 +265,7 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
         "y": plane.y,
         "x_unit": units[0],
         "y_unit": units[1],
+        "predicted": None if plane.simulated is None else (~plane.simulated).astype(np.uint8).ravel(),
         "regime_names": regime_names(plane),
         "regime_colours": [hex_colour(colour) for colour in regime_colours(plane.regime_names)],
         "terrain_names": [terrain_label(kind) for kind in TERRAINS],

@@ -162,8 +162,7 @@ def _fill(panel: Panel, run: RunCells, end: LastPeriods, bits: int, periods: int
         getattr(panel, name).data = {column: [0.0, 1.0] for column in COLUMNS[name]}
     worst = float(np.max(packed.step, initial=0.0)) / 2
     panel.say(
-        f"the last {periods} periods of the run with {bits} bits, exact to {worst:.1g}. "
-        f"Sound: these periods repeated for {SECONDS:g} s at 48 kHz."
+        f"Last {periods} periods with {bits} bits, exact to {worst:.1g}; sound: these repeated for {SECONDS:g} s."
     )
 
 
