@@ -12,6 +12,7 @@ recover       `bow recover`
 figure        `bow figure`
 validate      `bow validate`
 compare       `bow compare`
+explore       `bow explore`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user
