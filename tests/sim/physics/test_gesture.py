@@ -41,8 +41,8 @@ def test_a_string_crossing_starts_with_a_moving_bow_without_force():
     assert np.all(v == 1.0)
 
 
-def test_constant_acceleration_reaches_the_final_speed_after_its_periods_and_stays():
-    _, v = force_and_speed(P.replace(gesture="constant_acceleration"), 0, 2000)
+def test_accelerate_to_reaches_the_final_speed_after_its_periods_and_stays():
+    _, v = force_and_speed(P.replace(gesture="accelerate_to"), 0, 2000)
     assert v[:4] == pytest.approx(0.25 * np.arange(4) / 139)
     assert v[4 * 139 - 1] < 1.0 and np.all(v[4 * 139 :] == 1.0)
 
