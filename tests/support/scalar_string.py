@@ -102,7 +102,8 @@ class Contact:
         f_w = 2 * p.z_0 * p.v_unit / p.ribbon_width * f_b
         s, after = 0.0, self.temperature
         for _ in range(2):
-            q = ((self.temperature + after) * 0.5 / p.rosin_t_g) ** 2
+            q = (self.temperature + after) * 0.5 / p.rosin_t_g
+            q = q * q  # a power of 2 may be rounded otherwise
             mu = p.mu_s * (1 + p.rosin_hot * q) / (1 + q)
             s = max(abs(d) - self.y * f_b * mu, 0.0)
             u = s * p.v_unit
