@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import py_compile
+import runpy
 import signal
 import subprocess
 import sys
@@ -21,7 +22,16 @@ from typing import Any
 import pytest
 import yaml
 from checkout import ROOT, assigned
-from launch_stand_ins import STAND_INS, ExecuteProcess, SetEnvironmentVariable, launched, nodes
+from launch_stand_ins import (
+    STAND_INS,
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    Node,
+    SetEnvironmentVariable,
+    described,
+    launched,
+    nodes,
+)
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
@@ -147,14 +157,96 @@ def test_an_argument_that_is_not_given_leaves_the_parameter_to_the_file() -> Non
     assert set(graph["coordinator"].given) == set(graph["dashboard"].given) == {"runs_dir"}
 
 
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_what_ros2_launch_shows_of_an_argument_says_what_it_takes(file: str) -> None:
+    """As `ros2 launch --show-args` prints: a description for each, choices where only some words are right."""
+    (*declared, _) = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]().entities
+    arguments: dict[str, DeclareLaunchArgument] = {argument.name: argument for argument in declared}
+    assert {"params_file", "log_level", "dashboard", "use_sim_time", "namespace", "view"} <= set(arguments)
+    assert all(argument.description for argument in arguments.values())
+    assert arguments["log_level"].choices == ["debug", "info", "warn", "error", "fatal"]
+    assert arguments["params_file"].default_value == str(ROOT / "config" / "nodes.yaml")
+    for name in ("dashboard", "view", "use_sim_time"):
+        assert arguments[name].choices == ["true", "false", "True", "False"]
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_level_of_the_logs_and_the_clock_reach_every_node(file: str, run: Path) -> None:
+    given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+    for node in nodes(launched(file, **given)).values():
+        assert node.ros_arguments == ["--log-level", "info"]
+        assert "use_sim_time" not in node.given
+    for node in nodes(launched(file, **given, log_level="debug", use_sim_time="true")).values():
+        assert node.ros_arguments == ["--log-level", "debug"]
+        assert node.given["use_sim_time"] is True
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_dashboard_can_be_left_out(file: str, run: Path) -> None:
+    given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+    with_it, without = (set(nodes(launched(file, **given, dashboard=word))) for word in ("true", "False"))
+    assert with_it - without == {"dashboard"}
+
+
+def test_a_resumed_run_goes_on_where_it_is_and_ends_the_launch(tmp_path: Path) -> None:
+    unfinished = tmp_path / "somewhere" / "mine"
+    unfinished.mkdir(parents=True)
+    (unfinished / "ledger.jsonl").touch()
+    graph = nodes(launched("sweep.launch.py", resume=unfinished))
+    assert graph["coordinator"].given["resume"] == str(unfinished)
+    assert graph["coordinator"].given["once"] is True
+    assert graph["recorder"].given["run_dir"] == graph["dashboard"].given["run_dir"] == str(unfinished)
+
+
+def commands(entities: list[Any], scratch: Path) -> dict[str, tuple[list[str], dict[str, Any]]]:
+    """What starts each node, and with which parameters: files are read, arguments come after them."""
+    found = {}
+    for name, node in nodes(entities).items():
+        node.command(Path(sys.prefix), scratch)  # as launch does; it fails where a parameter has no form in YAML
+        found[name] = ([node.package, node.executable, node.namespace.strip("/"), *node.ros_arguments], node.given)
+    return found
+
+
+def test_the_example_in_xml_is_the_graph_of_the_python_file(tmp_path: Path) -> None:
+    given: dict[str, object] = {"preset": "fig11d", "log_level": "debug", "use_sim_time": "true", "runs_dir": "runs"}
+    ours = commands(launched("sweep.launch.py", simulators=2, **given), tmp_path)
+    example = commands(described("sweep.launch.xml", **given), tmp_path)
+    assert set(example) == set(ours)
+    for name, (started, parameters) in example.items():
+        assert started == ours[name][0]
+        absolute = parameters | ({"runs_dir": str(tmp_path / "runs")} if "runs_dir" in parameters else {})
+        assert absolute == ours[name][1], name
+    assert set(nodes(described("sweep.launch.xml", dashboard="false"))) == set(ours) - {"dashboard"}
+    for name, node in nodes(described("sweep.launch.xml")).items():
+        assert node.files == [str(ROOT / "config" / "nodes.yaml")]
+        assert node.respawn == (name != "coordinator")
+    with pytest.raises(RuntimeError, match="Valid options are"):
+        described("sweep.launch.xml", log_level="loud")
+
+
+def test_the_example_in_yaml_passes_its_arguments_to_the_python_file() -> None:
+    graph: dict[str, Node] = nodes(described("sweep.launch.yaml", preset="fig11c"))
+    assert "dashboard" not in graph
+    assert graph["coordinator"].given["preset"] == "fig11c"
+    assert graph["coordinator"].given["settings"] == ["x.count=32", "y.count=16"]
+    assert graph["coordinator"].given["once"] is True
+    assert {tuple(node.ros_arguments) for node in graph.values()} == {("--log-level", "warn")}
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ({"simulators": "0"}, "simulators:=0: a whole number from 1 on"),
         ({"simulators": "many"}, "simulators:=many: a whole number"),
         ({"simulators": "1000"}, "simulators:=1000: a whole number from 1 on, to 100"),
-        ({"view": "maybe"}, "view:=maybe: true or false"),
-        ({"once": "1"}, "once:=1: true or false"),
+        ({"view": "maybe"}, 'Argument "view" provided value "maybe" is not valid'),
+        ({"once": "1"}, 'Argument "once" provided value "1" is not valid'),
+        ({"log_level": "loud"}, r"Valid options are: \['debug', 'info', 'warn', 'error', 'fatal'\]"),
+        ({"dashboard": "no"}, "Valid options are: .'true', 'false', 'True', 'False'"),
+        ({"view": "true", "dashboard": "false"}, "view:=true needs the dashboard that dashboard:=false leaves out"),
+        ({"resume": "/no/such/run"}, "resume:=/no/such/run: is no directory; that of an unfinished run is needed"),
+        ({"resume": "/"}, "resume:=/: has neither ledger.jsonl nor bag/"),
+        ({"resume": "/", "preset": "fig11d"}, "resume:=/: a run has its settings; give no preset"),
         ({"runs_dir": "/proc/x"}, "runs_dir:=/proc/x: cannot be made or written"),
         ({"runs_dir": __file__}, "cannot be made or written: File exists; a directory of yours is needed"),
         ({"params_file": "/no/such"}, "params_file:=/no/such: cannot be read: No such file or directory"),
@@ -174,7 +266,8 @@ def test_a_wrong_argument_is_named_with_what_would_be_right(wrong: Mapping[str, 
         ({"rate": "fast"}, "rate:=fast: a number above 0"),
         ({"rate": "0"}, "rate:=0: a number above 0"),
         ({"rate": "nan"}, "rate:=nan: a number above 0"),
-        ({"view": "maybe"}, "view:=maybe: true or false"),
+        ({"view": "maybe"}, 'Argument "view" provided value "maybe" is not valid'),
+        ({"view": "True", "dashboard": "False"}, "view:=true needs the dashboard"),
         ({"namespace": "a-b"}, "namespace:=a-b: letters"),
         ({"run": "/no/such/run"}, "not a complete rosbag2 directory"),
     ],

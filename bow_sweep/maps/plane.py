@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
@@ -175,7 +176,7 @@ class Snapshot(Plane):
             y=outline.y.values(),
             transient_periods=np.full(shape, np.nan, np.float32),
             tests=np.zeros(shape, np.uint16),
-            regime_names=(),
+            regime_names=REGIMES,
             settings=outline.settings,
             preset=outline.preset,
             outstanding=outline.cells,

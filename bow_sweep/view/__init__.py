@@ -3,10 +3,13 @@
 node             the dashboard node
 live_run         one run: what is drawn, and when
 rerun_recording  a sweep as a rerun recording
+map_layers       axes, colours, pictures and counts of a map in a recording
 blueprint        the layout of the views in the viewer
 decorations      frame, ticks, labels and colour scales of a map
 scope            waveforms of the inspected cells
 status_page      the status of a sweep as Markdown
+cell_views       single cells as a rerun recording
+panel            a diagram with axes for a 2D view
 history          every test of every cell, as a recording of a finished map
 viewer           the rerun viewer as a process
 wanted           what the command line asks of the dashboard

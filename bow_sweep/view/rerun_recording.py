@@ -19,34 +19,12 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
-from bow_sweep.figures.colours import BLACK, GREY, HEADROOM, TERRAIN_COLOURS, regime_legend
-from bow_sweep.maps.plane import (
-    CLEAR,
-    NEVER,
-    NOT_COMPUTED,
-    TEST_LAYERS,
-    TEST_RANGES,
-    Snapshot,
-    terrain_label,
-    upright,
-)
-from bow_sweep.maps.terrain import TERRAINS, UNKNOWN
+from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.blueprint import NO_CELLS, arrange, send
-from bow_sweep.view.decorations import (
-    Decorations,
-    layer_decorations,
-    regime_decorations,
-    terrain_decorations,
-    transient_decorations,
-)
+from bow_sweep.view.map_layers import ABOVE, CONTEXT, THIN, MapLayers, texts
 from bow_sweep.view.scope import Scope, trace_name
 
 APPLICATION = "bow"
-LINE_COLOUR, TEXT_COLOUR, PALE = (190, 192, 200), (235, 236, 240), (215, 215, 215)
-BEHIND, ABOVE = -20.0, -10.0
-"""Draw orders: values below, the mask that makes cells black or grey above."""
-
-THIN = rr.Radius.ui_points(0.75)
 
 RATE_WINDOW_S = 2.0
 """Cells per second are averaged over this time."""
@@ -91,11 +69,9 @@ class RunRecording:
         self.path, self.snapshot, self.uri = path, snapshot, ""
         self.scope = Scope()
         self._warn, self._began = warn, time.time()
-        self._drawn: tuple[Any, ...] = ()
         self._history: list[tuple[float, int]] = []
         self._marked: set[int] = set()
         self._chunks: dict[int, list[tuple[int, np.ndarray]]] = {}
-        self._decorations: dict[str, Decorations] = {}
         rr.bindings.flush_and_cleanup_orphaned_recordings()  # rerun keeps data of deleted recordings until now
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
@@ -105,6 +81,8 @@ class RunRecording:
             self.uri = server.uri
             sinks.append(server)
         self._record.set_sinks(*sinks)
+        self._layers = MapLayers(self._record, snapshot)
+        self._arrange()
         self._continue_file()
         self._record.log("waveform/help", rr.TextDocument(NO_CELLS, media_type=rr.MediaType.MARKDOWN), static=True)
         self.map(snapshot)
@@ -122,8 +100,9 @@ class RunRecording:
                     _put_aside(self.path)
                     return
                 for chunk in reader.stream():
-                    self._remember(chunk)
-                    self._record.send_chunks(chunk)
+                    if CONTEXT not in chunk.to_record_batch().schema.names:  # logged above, and never twice
+                        self._remember(chunk)
+                        self._record.send_chunks(chunk)
         except Exception as error:  # rerun raises any type on a damaged file; the sweep must go on
             self._warn(f"{self.path}: cannot be read to its end, kept as {_put_aside(self.path).name}: {error}")
 
@@ -147,25 +126,10 @@ class RunRecording:
     def map(self, snapshot: Snapshot) -> None:
         """Log a map."""
         self.snapshot = snapshot
-        drawn = (snapshot.shape, snapshot.x_name, snapshot.y_name, snapshot.regime_names)
-        if drawn != self._drawn:
-            self._drawn = drawn
-            self._draw_decorations()
-        log = self._record.log
         self._now(among_samples=True)
-        mask = snapshot.mask()
-        unknown = mask == NOT_COMPUTED
-        log("map/transient", _depth(snapshot.transient_periods, (HEADROOM * snapshot.periods, 0.0)))
-        log("map/mask", _codes(mask))
-        for name in TEST_LAYERS:
-            log(f"tests/{name}/values", _depth(getattr(snapshot, name), TEST_RANGES[name]))
-        log("tests/pending", _codes(np.where(unknown, NOT_COMPUTED, CLEAR).astype(np.uint8)))
-        log("regime/codes", _codes(snapshot.regime))
+        self._layers.pictures(snapshot)
         self._now()
-        for name, count in zip([*snapshot.regime_names, "pending"], snapshot.regime_counts(), strict=True):
-            log(f"counts/{name}", rr.Scalars(float(count)))
-        log("progress/cells_done", rr.Scalars(float(snapshot.done)))
-        log("progress/cells_per_second", rr.Scalars(self.rate(snapshot.done)))
+        self._layers.counts(snapshot, self.rate(snapshot.done))
 
     def rate(self, done: int) -> float:
         """Return the cells done per second over the last `RATE_WINDOW_S`."""
@@ -174,47 +138,11 @@ class RunRecording:
         (first, before), (last, after) = self._history[0], self._history[-1]
         return (after - before) / (last - first) if last > first else 0.0
 
-    def _draw_decorations(self) -> None:
-        """Log what does not change (axes, scales, names of codes), and the layout of the views."""
-        snapshot, log = self.snapshot, self._record.log
-        tests = {f"tests/{name}": layer_decorations(snapshot, name) for name in TEST_LAYERS}
-        self._decorations = {"map": transient_decorations(snapshot), **tests, "regime": regime_decorations(snapshot)}
-        self._decorations["terrain"] = terrain_decorations(snapshot)
-        for place, decorations in self._decorations.items():
-            self._draw(f"{place}/axes", decorations)
-        masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
-        for place in ("map", "tests"):
-            log(place, rr.AnnotationContext(masks), static=True)
-        legend = regime_legend(snapshot.regime_names)
-        regimes = [(code, label, (*colour, 255)) for code, label, colour in legend]
-        log("regime", rr.AnnotationContext(regimes), static=True)
-        kinds = [
-            (code, terrain_label(kind), (*colour, 255))
-            for code, (kind, colour) in enumerate(zip(TERRAINS, TERRAIN_COLOURS, strict=True))
-        ]
-        log("terrain", rr.AnnotationContext([*kinds, (UNKNOWN, "unknown", (*GREY, 255))]), static=True)
-        for name, (_, label, colour) in zip([*snapshot.regime_names, "pending"], legend, strict=True):
-            visible = colour if max(colour) > 100 else PALE  # the darkest cannot be seen on a dark background
-            log(f"counts/{name}", rr.SeriesLines(names=label, colors=visible, widths=2.0), static=True)
-        for name in ("cells_done", "cells_per_second"):
-            line = rr.SeriesLines(names=name.replace("_", " "), colors=(120, 180, 255), widths=2.0)
-            log(f"progress/{name}", line, static=True)
-        self._arrange()
-
     def _arrange(self) -> None:
         send(self._blueprint(), APPLICATION, self._record)
 
     def _blueprint(self) -> rrb.Blueprint:
-        return arrange(self._decorations, self.scope.cells)
-
-    def _draw(self, place: str, decorations: Decorations) -> None:
-        log = self._record.log
-        log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
-        log(f"{place}/labels", _labels(decorations.places, decorations.labels), static=True)
-        if decorations.bar is not None:
-            where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=decorations.bar_pixel)
-            picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
-            log(f"{place}/scale", where, picture, static=True)
+        return arrange(self._layers.decorations, self.scope.cells)
 
     def waveform(self, cells: Sequence[int], first_sample: int, data: np.ndarray) -> None:
         """Take a chunk of the bridge force of inspected cells; :meth:`draw_waveforms` draws it.
@@ -249,8 +177,8 @@ class RunRecording:
             thick = rr.Radius.ui_points(1.0)
             frame = rr.LineStrips2D([trace.frame], colors=trace.colour, radii=thick, draw_order=ABOVE + 1)
             log(f"map/inspected/{trace.name}/frame", frame)
-            log(f"map/inspected/{trace.name}/number", _labels([trace.place], [str(trace.number)]))
-            log(f"scope/{trace.name}/caption", _labels([trace.corner], [trace.caption]))
+            log(f"map/inspected/{trace.name}/number", texts([trace.place], [str(trace.number)]))
+            log(f"scope/{trace.name}/caption", texts([trace.corner], [trace.caption]))
         samples, values = [], []
         for first, force in pieces:
             if not self.scope.continues(cell, first, len(force)):  # NaN makes a gap where samples are missing
@@ -274,7 +202,7 @@ class RunRecording:
     def terrain(self, codes: np.ndarray, text: str) -> None:
         """Log the terrain of the map, (ny, nx) codes, and its playability, Markdown."""
         self._now(among_samples=True)
-        self._record.log("terrain/codes", _codes(codes))
+        self._layers.terrain(codes)
         self._record.log("playability", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def flush(self) -> None:
@@ -311,28 +239,6 @@ def _no_footer_expected() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RerunWarning)
         yield
-
-
-def _depth(grid: np.ndarray, scale: tuple[float, float]) -> rr.DepthImage:
-    """Return a layer of numbers; the viewer shows the value under the cursor."""
-    return rr.DepthImage(
-        upright(grid),
-        meter=1.0,
-        colormap="viridis",
-        depth_range=scale,
-        magnification_filter="nearest",
-        draw_order=BEHIND,
-    )
-
-
-def _codes(grid: np.ndarray) -> rr.SegmentationImage:
-    """Return a layer of codes, which have names and colours."""
-    return rr.SegmentationImage(upright(grid), opacity=1.0, draw_order=ABOVE)
-
-
-def _labels(places: Sequence[tuple[float, float]], texts: Sequence[str]) -> rr.Points2D:
-    """Return texts, without visible points."""
-    return rr.Points2D(places, labels=texts, show_labels=True, radii=0.0, colors=TEXT_COLOUR)
 
 
 def _put_aside(path: Path) -> Path:

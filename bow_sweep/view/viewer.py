@@ -17,8 +17,8 @@ class Viewer:
 
     Parameters
     ----------
-    uri
-        Address of the recording.
+    what
+        Address of the recording, or its file.
     program
         Command that opens a viewer; rerun's own if empty.
 
@@ -28,12 +28,11 @@ class Viewer:
         Where there is no such program, or it cannot be started.
     """
 
-    def __init__(self, uri: str, program: Sequence[str] = ()) -> None:
+    def __init__(self, what: str | Path, program: Sequence[str] = ()) -> None:
         command = program or _program()
         self._output = tempfile.TemporaryFile()  # noqa: SIM115  # until the viewer has ended
         options = [
-            "--connect",
-            uri,
+            *([str(what)] if isinstance(what, Path) else ["--connect", what]),
             "--bind",
             LOOPBACK,
             "--port",

@@ -15,7 +15,7 @@ import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
 from bow_msgs.action import RunSweep
-from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan, Receipt, StickSlip, SweepSpec, Verdicts
+from bow_msgs.msg import BasinMap, BridgeForce, Health, InspectedCell, Plan, Receipt, StickSlip, SweepSpec, Verdicts
 from graph import PATIENCE_S, assert_same_map, sweeping, verified
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -143,7 +143,7 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
         for topic, kind in kinds.items()
     ]
     latched_ones = [node.create_publisher(kind, topic, LATCHED) for topic, kind in latched.items()]
-    latched_ones.append(node.create_publisher(BridgeForce, "inspect", INSPECT))
+    latched_ones.append(node.create_publisher(InspectedCell, "inspect", INSPECT))
     rng = np.random.default_rng(1)
     common = {"run_id": "x", "sweep_id": "y", "block": 2**32 - 1, "chunk": 0, "attempt": 1, "incarnation": "z"}
     odd = {**common, "cells": np.arange(3), "first_sample": 0, "samples": 9, "data": np.full(5, np.nan)}

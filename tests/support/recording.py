@@ -31,13 +31,13 @@ from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.session import Session
-from bow_sweep.record.topics import STORED_ONCE, TOPICS
+from bow_sweep.record.topics import STORED_ONCE, full_names
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
 RUN = "0123456789abcdef"
 NAMESPACE = f"/bow/run_{RUN}"
-NAMES = {name: name if name.startswith("/") else f"{NAMESPACE}/{name}" for name in TOPICS}
+NAMES = full_names()
 SMALL = ("model=delta_cremer", "x.count=4", "y.count=3", "block_cells=5", "periods=20")
 
 
@@ -130,7 +130,7 @@ def everything(sweep: Sweep, attempt: int = 1) -> Iterator[tuple[str, bytes]]:
 def session(directory: Path, sweep: Sweep, epoch: int = 1) -> Session:
     """Return a session as the recorder would open it."""
     data = plan(sweep, epoch=epoch)
-    return Session(directory, cdr.decode("Plan", data), data, NAMES, "7" * 16, time.time_ns())
+    return Session(directory, cdr.decode("Plan", data), data, "7" * 16, time.time_ns())
 
 
 def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ import pytest
 from example_maps import RUN, SLIP, basin_map, inspection, outline, settings
 from read_rrd import entities, image, rows, verify
 
+from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr
 from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, Snapshot
+from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, Snapshot, regime_label
+from bow_sweep.view.map_layers import FOREIGN
 from bow_sweep.view.rerun_recording import RunRecording
 
 
@@ -28,9 +31,9 @@ def recording(path: Path, **options) -> RunRecording:
 
 
 def show_waveform(shown: RunRecording, cells: list[int], chunk: int) -> np.ndarray:
-    values = cdr.unseal("BridgeForce", inspection(cells, chunk))
-    data = values["data"].reshape(len(cells), -1)
-    shown.waveform(cells, values["first_sample"], data)
+    values = [cdr.unseal("InspectedCell", inspection(cell, chunk)) for cell in cells]
+    data = np.array([one["bridge_force"] for one in values])
+    shown.waveform(cells, values[0]["first_sample"], data)
     return data
 
 
@@ -67,7 +70,7 @@ def test_counts_and_progress_go_on_in_time(path):
     shown.map(snapshot(computed=16))
     shown.map(snapshot())
     shown.finish()
-    assert [value for _, value in rows(path, "counts/helmholtz", "Scalars:scalars")] == [[8.0], [24.0]]
+    assert [value for _, value in rows(path, "counts/helmholtz", "Scalars:scalars")] == [[0.0], [8.0], [24.0]]
     assert [value for _, value in rows(path, "counts/pending", "Scalars:scalars")] == [[32.0], [16.0], [0.0]]
     assert [value for _, value in rows(path, "progress/cells_done", "Scalars:scalars")] == [[0.0], [16.0], [32.0]]
     times = [when["sweep"] for when, _ in rows(path, "counts/pending", "Scalars:scalars")]
@@ -119,12 +122,49 @@ def test_axes_scales_and_meanings_are_drawn_once(path):
             assert f"{place}/{part}" in entities(path)
     words = rows(path, "map/axes/labels", "Points2D:labels")
     assert {"0.5", "20", "never", "pending", "transient (periods)"} <= set(words[-1][1])
-    assert len(words) == 2  # with the plan, and when the regimes became known
+    assert len(words) == 1
     assert words[0][0] == {}
     meanings = rows(path, "regime", "AnnotationContext:context")[-1][1][0]
     labels = {entry["class_id"]: entry["class_description"]["info"]["label"] for entry in meanings}
     assert labels[1] == "Helmholtz"
     assert labels[PENDING] == "pending"
+
+
+def contexts(path: Path) -> dict[str, list]:
+    """The names and colours of codes by entity: when they were logged, and what."""
+    found = {place: rows(path, place, "AnnotationContext:context") for place in ("map", "tests", "regime", "terrain")}
+    return {place: [what[0] for _, what in entries] for place, entries in found.items()}
+
+
+def test_names_and_colours_of_codes_are_logged_once_and_complete_before_any_map(path):
+    shown = recording(path)
+    shown.flush()
+    before = contexts(path)
+    shown.map(snapshot(computed=12))
+    shown.map(snapshot())
+    shown.finish()
+    shown = recording(path)  # a dashboard that is started again
+    shown.map(snapshot())
+    shown.finish()
+    assert contexts(path) == before
+    assert {place: len(found) for place, found in before.items()} == dict.fromkeys(before, 1)
+    known = {entry["class_description"]["info"]["label"] for entry in before["regime"][0]}
+    assert {regime_label(name) for name in REGIMES} | {"pending"} <= known
+
+
+def test_the_codes_of_another_classifier_are_translated_to_the_names_that_were_logged(path):
+    shown = recording(path)
+    usual = snapshot()
+    names = ("a_new_regime", *reversed(REGIMES))
+    codes = np.array([*(names.index(name) for name in REGIMES), *[PENDING] * (256 - len(REGIMES))], np.uint8)
+    other = codes[usual.regime]
+    other[0, 0] = 0
+    shown.map(replace(usual, regime_names=names, regime=other))
+    shown.finish()
+    painted = image(path, "regime/codes", "SegmentationImage", "u1")[::-1]
+    assert painted[0, 0] == FOREIGN
+    assert (painted == usual.regime).sum() == painted.size - 1
+    assert rows(path, "counts/multiple_slip", "Scalars:scalars")[-1][1] == [float((usual.regime == SLIP).sum())]
 
 
 def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
