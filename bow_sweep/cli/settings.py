@@ -29,7 +29,8 @@ def _settings(_: argparse.Namespace) -> int:
             print(textwrap.indent(_describe(field), "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
-        print(f"{name}\n    {quantity.doc}{f' [{quantity.unit}]' if quantity.unit else ''}; sets {quantity.same}{needs}")
+        unit = f" [{quantity.unit}]" if quantity.unit else ""
+        print(f"{name}\n    {quantity.doc}{unit}; sets {quantity.same}{needs}")
     for name, presets in PRESETS.items():
         print(f"{name}")
         for preset, values in presets.items():
