@@ -46,11 +46,14 @@ def recorded_namespace(bag: str) -> str:
     """Return the namespace in which a bag was recorded, from its list of topics."""
     try:
         with open(os.path.join(bag, "metadata.yaml"), encoding="utf-8") as file:
-            topics = yaml.safe_load(file)["rosbag2_bagfile_information"]["topics_with_message_count"]
-        names = [topic["topic_metadata"]["name"] for topic in topics]
+            information = yaml.safe_load(file)["rosbag2_bagfile_information"]
+        names = [topic["topic_metadata"]["name"] for topic in information["topics_with_message_count"]]
+        formats = (information.get("custom_data") or {}).get("bow.version")
     except (OSError, KeyError, TypeError, yaml.YAMLError) as error:
         why = " ".join(str(error).split())
         raise RuntimeError(f"{bag} is not a complete rosbag2 directory ({why}); try `bow recover RUN`") from None
+    if not formats or len({name for name in names if name.endswith("/plan")}) > 1:
+        raise RuntimeError(f"{bag} holds messages of a bow before format 3; `bow replay RUN --graph` can play them")
     found = [name[: -len("/bridge_force")] for name in names if name.endswith("/bridge_force")]
     if len(found) != 1:
         raise RuntimeError(f"{bag} should hold one topic bridge_force and holds {len(found)}: was it made by bow?")

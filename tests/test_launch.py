@@ -16,21 +16,18 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 import yaml
 from checkout import ROOT, assigned
 from launch_stand_ins import (
-    STAND_INS,
     DeclareLaunchArgument,
     ExecuteProcess,
-    Node,
     SetEnvironmentVariable,
-    described,
     launched,
     nodes,
+    put_in_place,
 )
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -40,11 +37,7 @@ FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 @pytest.fixture(autouse=True)
 def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)  # `runs` is made where `ros2 launch` was typed
-    for name, classes in STAND_INS.items():
-        module = ModuleType(name)
-        for one in classes:
-            setattr(module, one.__name__, one)
-        monkeypatch.setitem(sys.modules, name, module)
+    put_in_place(monkeypatch)
 
 
 # ---- the statements
@@ -198,41 +191,6 @@ def test_a_resumed_run_goes_on_where_it_is_and_ends_the_launch(tmp_path: Path) -
     assert graph["recorder"].given["run_dir"] == graph["dashboard"].given["run_dir"] == str(unfinished)
 
 
-def commands(entities: list[Any], scratch: Path) -> dict[str, tuple[list[str], dict[str, Any]]]:
-    """What starts each node, and with which parameters: files are read, arguments come after them."""
-    found = {}
-    for name, node in nodes(entities).items():
-        node.command(Path(sys.prefix), scratch)  # as launch does; it fails where a parameter has no form in YAML
-        found[name] = ([node.package, node.executable, node.namespace.strip("/"), *node.ros_arguments], node.given)
-    return found
-
-
-def test_the_example_in_xml_is_the_graph_of_the_python_file(tmp_path: Path) -> None:
-    given: dict[str, object] = {"preset": "fig11d", "log_level": "debug", "use_sim_time": "true", "runs_dir": "runs"}
-    ours = commands(launched("sweep.launch.py", simulators=2, **given), tmp_path)
-    example = commands(described("sweep.launch.xml", **given), tmp_path)
-    assert set(example) == set(ours)
-    for name, (started, parameters) in example.items():
-        assert started == ours[name][0]
-        absolute = parameters | ({"runs_dir": str(tmp_path / "runs")} if "runs_dir" in parameters else {})
-        assert absolute == ours[name][1], name
-    assert set(nodes(described("sweep.launch.xml", dashboard="false"))) == set(ours) - {"dashboard"}
-    for name, node in nodes(described("sweep.launch.xml")).items():
-        assert node.files == [str(ROOT / "config" / "nodes.yaml")]
-        assert node.respawn == (name != "coordinator")
-    with pytest.raises(RuntimeError, match="Valid options are"):
-        described("sweep.launch.xml", log_level="loud")
-
-
-def test_the_example_in_yaml_passes_its_arguments_to_the_python_file() -> None:
-    graph: dict[str, Node] = nodes(described("sweep.launch.yaml", preset="fig11c"))
-    assert "dashboard" not in graph
-    assert graph["coordinator"].given["preset"] == "fig11c"
-    assert graph["coordinator"].given["settings"] == ["x.count=32", "y.count=16"]
-    assert graph["coordinator"].given["once"] is True
-    assert {tuple(node.ros_arguments) for node in graph.values()} == {("--log-level", "warn")}
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -284,9 +242,9 @@ def run(tmp_path: Path) -> Path:
     bag = tmp_path / "a run" / "bag"
     bag.mkdir(parents=True)
     names = ("plan", "bridge_force", "stick_slip", "verdicts", "receipts", "basin_map")
-    topics = [{"topic_metadata": {"name": f"/bow/0123/{name}"}, "message_count": 1} for name in names]
-    information = {"rosbag2_bagfile_information": {"topics_with_message_count": topics}}
-    (bag / "metadata.yaml").write_text(yaml.dump(information))
+    topics = [{"topic_metadata": {"name": f"/bow/{name}"}, "message_count": 1} for name in names]
+    information = {"topics_with_message_count": topics, "custom_data": {"bow.version": "3"}}
+    (bag / "metadata.yaml").write_text(yaml.dump({"rosbag2_bagfile_information": information}))
     return bag.parent
 
 
@@ -294,7 +252,7 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
     entities = launched("replay.launch.py", run=run)
     (play,) = (entity for entity in entities if isinstance(entity, ExecuteProcess))
     assert play.cmd[:4] == ["ros2", "bag", "play", str(run / "bag")]
-    assert "/bow/0123/bridge_force:=/bow/replay/bridge_force" in play.cmd
+    assert "/bow/bridge_force:=/bow/replay/bridge_force" in play.cmd
     assert not [word for word in play.cmd if "verdicts" in word or "receipts" in word]
     assert set(nodes(entities)) == {"classifier", "dashboard"}
     assert {node.namespace for node in nodes(entities).values()} == {"/bow/replay"}
@@ -303,7 +261,11 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
 def test_a_replay_of_no_bag_is_told_so_in_one_line(tmp_path: Path, run: Path) -> None:
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory"):
         launched("replay.launch.py", run=tmp_path)
-    (run / "bag" / "metadata.yaml").write_text("a: [\nb: }")
+    metadata = run / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("bow.version", "of_others"))
+    with pytest.raises(RuntimeError, match="holds messages of a bow before format 3"):
+        launched("replay.launch.py", run=run)
+    metadata.write_text("a: [\nb: }")
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory") as error:
         launched("replay.launch.py", run=run)
     assert len(str(error.value).splitlines()) == 1

@@ -56,7 +56,9 @@ IMPURE = {
 def loaded() -> dict[str, set[str]]:
     """Which frameworks each module brings into a fresh interpreter."""
     program = (
-        "import importlib, os, sys, numba\n"  # numba is slow to import and brings none of them
+        "import importlib, os, sys\n"
+        "import matplotlib.backends.backend_agg, numba, scipy.ndimage, scipy.optimize, scipy.signal\n"
+        f"assert not set(sys.modules) & {FRAMEWORKS!r}, 'these are slow to import and bring none of them'\n"
         "for name in sys.argv[1:]:\n"
         "    read, write = os.pipe()\n"
         "    if not (child := os.fork()):\n"

@@ -73,7 +73,13 @@ class Block:
         The ones that differ: values by the name of any parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
     trace : bool
         Keep every waveform of the latest chunk in ``traces``, shape (waveforms, samples, at least cells), in the order
-        of ``trace_names``; the friction force is multiplied by the admittance at the bow.
+        of ``trace_names``; the friction force is multiplied by ``admittance``.
+
+    Attributes
+    ----------
+    admittance : ndarray, shape (cells,)
+        What the friction force meets at the bow: string and hair.
+    trace_names : tuple of str
 
     Raises
     ------
@@ -101,7 +107,7 @@ class Block:
             or tuple(len(same[0].taps) for same in functions) not in STANDARD
         )
         make = self._general_side if self._general else self._standard_side
-        self._admittance = y = described.bow_admittance()
+        self.admittance = y = described.bow_admittance()
         bridge, nut, torsion_bridge, torsion_nut = (make(same) for same in functions)
         self._string = String(
             bridge._replace(body=self._make_body(described)),
@@ -169,7 +175,7 @@ class Block:
             return None
         columns = (described.value(name).tolist() for name in ("hair_k", "hair_r", "sample_rate"))
         decay = [math.exp(-k / (r * rate)) if r else 0.0 for k, r, rate in zip(*columns, strict=True)]
-        share, string = elastic / self._admittance, described.of_ends("y") / self._admittance
+        share, string = elastic / self.admittance, described.of_ends("y") / self.admittance
         return Hair(*(self._lane(np.asarray(x)) for x in (share, string, decay, np.zeros(described.count))))
 
     def _make_body(self, described: Cells) -> Body | None:
@@ -309,7 +315,7 @@ def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:
         ``bridge_force_real``, the force on the bridge over Z_0; with thermal friction ``temperature``, K.
     """
     block = Block(parameters, {"f_asym": [parameters.f_asym]}, trace=True)
-    (y,) = block._admittance
+    (y,) = block.admittance
     parts = []
     for _ in range(parameters.chunks):
         block.advance()

@@ -15,7 +15,7 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import FIELDS
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.cell_record import CellRecord, CellTests
-from bow_sweep.cell.parameters import parameters_of
+from bow_sweep.cell.parameters import parameters_of, place
 from bow_sweep.cell.waveform import CellError, Waveform
 from bow_sweep.maps.map_file import MAP, MapFile, MapFileError, read_map_npz
 from bow_sweep.plan.sweep import Sweep
@@ -33,9 +33,6 @@ KEPT = 64
 
 BAG = "bag"
 """Name of the bag's folder in a run directory."""
-
-SLACK = 1e-6
-"""Part of a cell by which a value may lie outside the plane."""
 
 
 class RunCells:
@@ -141,7 +138,7 @@ class RunCells:
                 index.append(0)
                 continue
             value = float(values[axis.name])
-            index.append(_place(axis.name, value, axis.values, axis.scale))
+            index.append(place(axis.name, value, axis.values, axis.scale))
         return index[1] * axes[0].count + index[0]
 
     def _why_no_axis(self, name: str) -> str:
@@ -177,7 +174,8 @@ class RunCells:
         Raises
         ------
         CellError
-            For a cell that the map does not have; with "bag", one that is not whole and undamaged in the bag.
+            For a cell that the map does not have; with "bag", one that is not whole and undamaged in the bag; with
+            "auto", one that the run has given up.
         """
         if source not in SOURCES:
             raise CellError(f"source {source!r}: should be one of {', '.join(SOURCES)}")
@@ -199,6 +197,9 @@ class RunCells:
             except CellError as error:
                 if source == "bag":
                     raise
+                if self.bag is not None and self.bag.given_up(cell):
+                    what = "its block was given up, because simulators died of it"
+                    raise CellError(f"cell {cell}: {what}; ask for it computed to try it here") from None
                 reason = f"{error}; computed again: "
         wave, checked, why = self._computed(cell)
         return self._complete(cell, wave, "computed", checked, reason + why)
@@ -330,26 +331,6 @@ def _sweep(settings: tuple[str, ...], directory: Path) -> Sweep:
         return Sweep.from_spec("", settings)
     except ParameterError as error:
         raise CellError(f"{directory}: its settings cannot be simulated by this version of bow: {error}") from None
-
-
-def _place(name: str, value: float, values: np.ndarray, scale: str) -> int:
-    """Return the index of the value of an axis that is nearest to one, in the scale of the axis.
-
-    Raises
-    ------
-    CellError
-        Where it lies more than half a step beyond the ends.
-    """
-    grid = np.log(values) if scale == "log" else np.asarray(values, float)
-    at = np.log(value) if scale == "log" and value > 0 else (value if scale != "log" else -np.inf)
-    distance = np.abs(grid - at)
-    index = int(np.argmin(distance)) if np.isfinite(at) else (0 if values[0] < values[-1] else len(values) - 1)
-    step = abs(grid[-1] - grid[0]) / (len(grid) - 1) if len(grid) > 1 else 2e-3 * max(1.0, abs(grid[0]))
-    if not distance[index] <= (0.5 + SLACK) * step:
-        low, high = sorted((float(values[0]), float(values[-1])))
-        has = f"has {name} {low:g} only" if low == high else f"reaches from {low:g} to {high:g}"
-        raise CellError(f"{name} = {value:g}: the map {has}; the nearest is {float(values[index]):g}")
-    return index
 
 
 def _and(names: list[str]) -> str:

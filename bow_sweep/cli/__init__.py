@@ -5,6 +5,7 @@ sweep         `bow sweep`
 sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
 transient     `bow transient`
+inspect       `bow inspect`
 verify        `bow verify`
 replay        `bow replay`
 recover       `bow recover`

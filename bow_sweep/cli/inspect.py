@@ -235,7 +235,7 @@ def _open(path: Path) -> None:
         warn(f"{NO_DISPLAY} (DISPLAY and WAYLAND_DISPLAY are empty); {by_hand}")
         return
     try:
-        viewer = Viewer(path)
+        viewer = Viewer(str(path))
     except OSError as error:
         warn(f"no viewer can be started: {error}; {by_hand}")
         return

@@ -19,7 +19,8 @@ from bow_sim.block_request import BlockRequest, encode_chunk
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import parse_settings
-from bow_sim.protocol.sweep_spec import Axis
+from bow_sweep.cell.parameters import place
+from bow_sweep.cell.waveform import CellError
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import Run
 
@@ -91,33 +92,13 @@ def cell_of(sweep: Sweep, at: Sequence[str], cell: int) -> int:
     for name, axis in axes.items():
         if name not in given and axis.count > 1:
             raise ChoiceError(f"{name} is not given; a cell of this map needs {' and '.join(axes)}")
-        index[name] = _nearest(axis, given[name]) if name in given else 0
+        try:
+            index[name] = place(name, float(given[name]), axis.values(), axis.scale) if name in given else 0
+        except CellError as error:
+            raise ChoiceError(str(error)) from None
+        except ValueError:
+            raise ChoiceError(f"{name} = {given[name]!r}: should be a number") from None
     return index[sweep.y.name] * sweep.x.count + index[sweep.x.name]
-
-
-def _nearest(axis: Axis, given: object) -> int:
-    """Return the index of the value of an axis that is nearest to a given one, on the scale of the axis."""
-    try:
-        value = float(str(given))
-    except ValueError:
-        raise ChoiceError(f"{axis.name} = {given!r}: should be a number") from None
-    values = axis.values()
-    logarithmic = axis.scale == "log"
-    grid = np.log(values) if logarithmic else values
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = np.abs(grid - (np.log(value) if logarithmic else value))
-    low, high = sorted((float(values[0]), float(values[-1])))
-    if not np.isfinite(distance).all():
-        nearest = low if not value > low else high
-    else:
-        index = int(np.argmin(distance))
-        step = abs(grid[-1] - grid[0]) / (len(grid) - 1) if len(grid) > 1 else 0.0
-        if distance[index] <= max(0.5 * step, 1e-9 * max(1.0, abs(grid[index]))) * (1 + 1e-9):
-            return index
-        nearest = float(values[index])
-    raise ChoiceError(
-        f"{axis.name} = {value:g}: the map reaches from {low:g} to {high:g}; the nearest value is {nearest:g}"
-    )
 
 
 def values_of(sweep: Sweep, cell: int) -> tuple[float, float]:

@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from bow_sim.physics.errors import ParameterError
 from bow_sweep.coordinator.session_events import GoalAccepted, GoalRefused
+from bow_sweep.plan.sweep import Sweep
 
 GOAL_WAIT_S = 20.0
 """Seconds that a goal waits for recorder and classifier, which may be starting; a parameter of the node."""
@@ -20,6 +22,15 @@ class Hold:
     """A goal waits; `why` is for the log."""
 
     why: str
+
+
+def is_wrong(goal: GoalAccepted) -> bool:
+    """Return whether the sweep of a goal cannot be computed, whoever is there."""
+    try:
+        Sweep.from_spec(goal.preset, goal.settings)
+    except ParameterError:
+        return True
+    return False
 
 
 class GoalGate:

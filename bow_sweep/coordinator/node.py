@@ -21,7 +21,7 @@ from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sweep.coordinator import diagnostics
 from bow_sweep.coordinator.cell_chooser import CellChooser
-from bow_sweep.coordinator.goals import GOAL_WAIT_S, GoalGate, Hold
+from bow_sweep.coordinator.goals import GOAL_WAIT_S, GoalGate, Hold, is_wrong
 from bow_sweep.coordinator.results import playability_of, prepare, write_results
 from bow_sweep.coordinator.resume import resume
 from bow_sweep.coordinator.session import TICK_S, CoordinatorSession
@@ -46,7 +46,7 @@ from bow_sweep.coordinator.session_events import (
     VerdictsReceived,
     WriteResults,
 )
-from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message
+from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message, regimes_message
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import Run, RunError
 
@@ -115,6 +115,7 @@ class CoordinatorNode(BowNode):
         }
         self._map = self.create_publisher(BasinMap, "basin_map", LATCHED)
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
+        self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._chooser = CellChooser(self, lambda: self._session.run)
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
@@ -132,16 +133,19 @@ class CoordinatorNode(BowNode):
         self.every(DIAGNOSTICS_S, self._publish_diagnostics)
         try:
             if text["resume"]:
-                run, layers = resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks)
-                self._handle(RunGiven(run, layers))
+                given = RunGiven(*resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 sweep = Sweep.from_spec(text["preset"], [setting for setting in settings if setting])
-                self._handle(RunGiven(self._create_run(sweep)))
+                given = RunGiven(self._create_run(sweep))
             else:
-                self.set_state(Health.READY, "waits for a goal on run_sweep")
+                given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # now, while the other nodes start
+        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        if given is None:
+            self.set_state(Health.READY, "waits for a goal on run_sweep")
+        else:
+            self._handle(given)
 
     def _create_run(self, sweep: Sweep) -> Run:
         """Create the directory of a run; `run_id` and `run_dir` count for the first one only."""
@@ -170,7 +174,8 @@ class CoordinatorNode(BowNode):
         key = bytes(goal.goal_id.uuid)
         self._goals[key] = goal
         event = GoalAccepted(key, goal.request.spec.preset, tuple(goal.request.spec.settings))
-        self._goal_goes_on(event if self._session.refuses(event) else self._gate.take(event, *self._who_is_missing()))
+        refused = self._session.run is not None or is_wrong(event)  # the session says why
+        self._goal_goes_on(event if refused else self._gate.take(event, *self._who_is_missing()))
 
     def _goal_goes_on(self, what: GoalAccepted | GoalRefused | Hold | None) -> None:
         """Do with a goal what the gate says."""
@@ -222,6 +227,7 @@ class CoordinatorNode(BowNode):
             case PublishMap(values):
                 self._map.publish(cdr.encode("BasinMap", values))
                 self._image.publish(image_message(values, self.wall_time()))
+                self._regimes.publish(regimes_message(values, self.wall_time()))
                 self._chooser.take_map(values)
             case PublishFeedback(goal, values):
                 self._goals[goal].publish_feedback(RunSweep.Feedback(**values))

@@ -175,14 +175,6 @@ class CoordinatorSession:
         self.refused = ""
         self._begin(run, None, event.goal)
 
-    def refuses(self, event: GoalAccepted) -> bool:
-        """Return whether a goal would be refused now whoever is there: a run is in progress, or its sweep is wrong."""
-        try:
-            Sweep.from_spec(event.preset, event.settings)
-        except ParameterError:
-            return True
-        return self._active is not None
-
     def _refuse(self, goal: bytes, why: str) -> None:
         self.refused = why
         self._log("error", f"goal refused: {why}")

@@ -5,16 +5,19 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from numpy.typing import NDArray
 from sensor_msgs.msg import Image, PointCloud2, PointField
 
 from bow_sweep.coordinator.choice import FRAME
 from bow_sweep.coordinator.diagnostics import Status
-from bow_sweep.maps.plane import Snapshot, image_of
+from bow_sweep.figures.colours import GREY, regime_colours
+from bow_sweep.maps.plane import Snapshot, image_of, upright
 
 POINT = np.dtype([(name, np.float32) for name in ("x", "y", "z", "transient_periods", "regime")])
 """A cell as a point: its middle in the frame of the map; NaN = pending."""
@@ -27,6 +30,25 @@ def image_message(basin_map: Mapping[str, Any], stamp: Time) -> Image:
     image.header.stamp = stamp
     image.header.frame_id = FRAME
     return image
+
+
+def regimes_message(basin_map: Mapping[str, Any], stamp: Time) -> Image:
+    """Return the regimes of a map (fields of a BasinMap) as a picture in their colours: rgb8, first row on top."""
+    shown = Snapshot.from_message(basin_map)
+    height, width = shown.shape
+    picture = _regime_palette(tuple(basin_map["regime_names"]))[upright(shown.regime)]
+    image = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=array("B", picture.tobytes()))
+    image.header.stamp = stamp
+    image.header.frame_id = FRAME
+    return image
+
+
+@lru_cache
+def _regime_palette(names: tuple[str, ...]) -> NDArray[np.uint8]:
+    """Return the colour of each regime code, (256, 3); grey for those without a name, as for pending cells."""
+    palette = np.full((256, 3), GREY, np.uint8)
+    palette[: len(names)] = regime_colours(names)
+    return palette
 
 
 def points_message(basin_map: Mapping[str, Any], stamp: Time) -> PointCloud2:

@@ -96,7 +96,7 @@ class RecorderNode(BowNode):
         self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
-        checked = topic.name in ("health", "basin_map/image", "/diagnostics", "/rosout")
+        checked = topic.name in ("health", "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
         sealed = STORED_ONCE.get(topic.name, "")
 
         def take(data: bytes) -> None:

@@ -47,6 +47,7 @@ TOPICS: dict[str, Topic] = {
         Topic("health", "bow_msgs/msg/Health", LATCHED),
         Topic("basin_map", "bow_msgs/msg/BasinMap", LATCHED),
         Topic("basin_map/image", "sensor_msgs/msg/Image", LATCHED),
+        Topic("basin_map/regimes", "sensor_msgs/msg/Image", LATCHED),
         Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", PLAIN),
         Topic("inspect", "bow_msgs/msg/InspectedCell", INSPECT),
         Topic("/rosout", "rcl_interfaces/msg/Log", LOGS),

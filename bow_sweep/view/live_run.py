@@ -134,6 +134,8 @@ class LiveRun:
         if not self._is_mine(values) or cell >= self._outline.cells:
             self.ignored += 1
             return
+        if not values["attempt"]:  # of no block that was sent: somebody has chosen the cell
+            self.recording.scope.choose(cell)
         self.recording.waveform([cell], values["first_sample"], force.reshape(1, -1))
 
     def tick(self, nodes: Iterable[NodeStatus]) -> bool:

@@ -119,7 +119,7 @@ def test_a_goal_runs_a_sweep_while_another_node_publishes_rubbish(
 
 
 def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client: Client) -> None:
-    goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=64", "y.count=32", "block_cells=16"]))
+    goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=32", "y.count=24", "block_cells=16"]))
     ledgers: list[Path] = []
     while not ledgers or b'"done"' not in ledgers[0].read_bytes():
         ledgers = list(nodes.glob("*/ledger.jsonl"))
@@ -131,7 +131,7 @@ def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client
     assert (run / "bag" / "metadata.yaml").exists()
     with sweeping(run, "--resume", str(run)) as sweep:
         assert sweep.wait() == 0, sweep.text
-    assert verified(run)["cells"] == 2048
+    assert verified(run)["cells"] == 768
 
 
 def publish_rubbish(node: Node, stop: threading.Event) -> None:

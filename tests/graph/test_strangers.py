@@ -9,15 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from bow_msgs.msg import Verdicts
 from desk import Desk, desk
 from graph import assert_same_map, verified
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from bow_sim.graph.node_base import STREAM
+from bow_sim.protocol import cdr
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.record.bag import messages
 from bow_sweep.record.node import _class_of
-from bow_sweep.record.topics import TOPICS
+from bow_sweep.record.topics import TOPICS, full_names
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -56,7 +60,7 @@ def play(here: Desk, bag: Path, speed: float) -> int:
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy[topic.qos.durability.upper()],
         )
-        publishers[name] = here.node.create_publisher(_class_of(topic), name, qos)
+        publishers[name] = here.node.create_publisher(_class_of(topic), full_names()[name], qos)
     here.until(lambda: publishers["bridge_force"].get_subscription_count() > 0, "the player is matched")
     first, began, count = 0, time.monotonic(), 0
     for message in messages(bag):
@@ -67,6 +71,32 @@ def play(here: Desk, bag: Path, speed: float) -> int:
         count += 1
     here.executor.spin_once(timeout_sec=0.1)
     return count
+
+
+@pytest.mark.full
+def test_a_bag_that_is_played_to_a_classifier_alone_is_judged_as_in_its_run(undisturbed: Path, tmp_path: Path) -> None:
+    recorded, again = {}, {}
+    for message in messages(undisturbed / "bag"):
+        if message.topic == "verdicts":
+            values = cdr.decode("Verdicts", message.data)
+            recorded[values["block"], values["chunk"]] = values
+
+    def take(data: bytes) -> None:
+        values = cdr.decode("Verdicts", data)
+        if values["incarnation"] == here.incarnation("classifier") and len(values["cells"]):  # no hello
+            again[values["block"], values["chunk"]] = values
+
+    with desk(tmp_path) as here:
+        here.node.create_subscription(Verdicts, "/bow/verdicts", take, STREAM, raw=True)
+        here.start("classifier")
+        here.until(lambda: bool(here.incarnation("classifier")), "the classifier is heard")
+        play(here, undisturbed / "bag", speed=0.5)
+        here.until(lambda: again.keys() == recorded.keys(), "every chunk is judged")
+        assert here.processes["classifier"].poll() is None
+    for key, values in recorded.items():
+        for name in ("checksum", "header.stamp", "attempt", "run_id"):
+            assert again[key][name] == values[name]
+        assert all(again[key][name].tobytes() == values[name].tobytes() for name in VERDICT_FIELDS)
 
 
 def content(directory: Path) -> dict[str, str]:

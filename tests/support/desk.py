@@ -58,6 +58,11 @@ class Desk:
         for role in ("coordinator", "recorder", "classifier", "simulator"):
             self.start(role, "sim" if role == "simulator" else "")
 
+    def incarnation(self, label: str) -> str:
+        """Return the incarnation of a node, from its heartbeat; "" before the first."""
+        found = self.health.get(self.processes[label].pid)
+        return found.incarnation if found else ""
+
     def text(self, label: str) -> str:
         return (self.folder / f"{label}.log").read_text()
 

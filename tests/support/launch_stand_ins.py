@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import re
 import runpy
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
+import pytest
 import yaml
 from checkout import ROOT
 
@@ -121,6 +124,15 @@ STAND_INS = {
     "launch_ros.actions": (Node,),
     "launch_ros.parameter_descriptions": (ParameterValue,),
 }
+
+
+def put_in_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the stand-ins what a launch file imports."""
+    for name, classes in STAND_INS.items():
+        module = ModuleType(name)
+        for one in classes:
+            setattr(module, one.__name__, one)
+        monkeypatch.setitem(sys.modules, name, module)
 
 
 def launched(file: str, **given: object) -> list[Any]:

@@ -120,6 +120,15 @@ def chunks(
     return tuple(out)
 
 
+def inspected(chunk: Chunk, **changes: Any) -> bytes:
+    """Return the InspectedCell of the first cell of a chunk."""
+    values = cdr.decode("BridgeForce", chunk.bridge_force)
+    own = {"cell": values["cells"][0], "name": "x = 1, y = 2", "sample_rate": 61160.0}
+    force = values["data"][: values["samples"]]
+    waveform = {"periods": np.arange(len(force)) / 139, "bridge_force": force}
+    return cdr.encode("InspectedCell", {**values, **own, **waveform, **changes})
+
+
 def everything(sweep: Sweep, attempt: int = 1) -> Iterator[tuple[str, bytes]]:
     """Yield (topic, message) of a whole sweep."""
     for block in range(sweep.blocks):

@@ -246,6 +246,11 @@ def test_what_a_bounded_message_has_no_room_for_is_refused() -> None:
         cdr.decode("BridgeForce", message.replace(count, (1025).to_bytes(4, "little")))
 
 
+def test_bridge_force_is_bounded_and_so_can_be_lent_in_shared_memory() -> None:
+    for field, kind in cdr.FIELDS["BridgeForce"].items():
+        assert "string" not in kind and "[]" not in kind, field  # the middleware takes every string for unbounded
+
+
 def test_the_bound_of_the_message_is_that_of_a_chunk() -> None:
     assert cdr.FIELDS["BridgeForce"]["data"] == f"float32[<={limits.MAX_CHUNK_VALUES}]"
     assert cdr.FIELDS["BridgeForce"]["cells"] == f"uint32[<={limits.MAX_BLOCK_CELLS}]"

@@ -192,6 +192,19 @@ def test_a_bag_that_was_not_closed_is_read_too(whole: Path, complete: Path) -> N
         assert all(cells.record(cell).differs_from(there.record(cell)) is None for cell in (0, 11))
 
 
+def test_a_cell_that_simulators_died_of_is_computed_only_when_that_is_asked_for(tmp_path: Path) -> None:
+    recording.quarantined_run(tmp_path / "run")
+    recording.leave_all(tmp_path / "run", recording.small_sweep(), quarantined=[1])
+    with RunCells(tmp_path / "run") as cells:
+        assert cells.record(0).checked
+        with pytest.raises(CellError, match="cell 6: its block was given up"):
+            cells.record(6)
+        record = cells.record(6, "computed")
+    assert record.checked is None
+    assert "the checksums of 1 of 4 chunks hold" in record.why
+    assert np.isnan(record.transient_periods)
+
+
 def test_a_second_look_is_the_same_record(complete: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_cells, "KEPT", 2)
     with RunCells(complete) as cells:
@@ -254,3 +267,19 @@ def test_a_map_beside_the_bag_of_another_run_is_refused(whole: Path, complete: P
     np.savez(whole / MAP, **arrays)
     with pytest.raises(CellError, match=r"map.npz is of run f+, bag/ of run 0123"):
         RunCells(whole)
+
+
+def test_a_run_of_an_older_version_is_read(root: Path) -> None:
+    with RunCells(root / "tests" / "data" / "run_version_2") as cells:
+        record = cells.record(1)
+        assert (record.source, record.checked) == ("bag", True)
+        again = cells.record(1, "computed")
+        assert (again.source, again.differs_from(record)) == ("computed", None)
+
+
+def test_a_bag_of_a_later_version_is_refused_by_name(complete: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bow_sweep.record import notes
+
+    monkeypatch.setattr(notes, "FORMAT", notes.FORMAT - 1)
+    with pytest.raises(CellError, match="written by a later bow"):
+        RunCells(complete)

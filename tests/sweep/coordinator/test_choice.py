@@ -89,13 +89,13 @@ def test_without_values_the_index_counts() -> None:
         (["force=3", "f_init_ratio=1"], 0, "force: is no axis of this map; its axes are f_asym and f_init_ratio"),
         (["f_asym", "f_init_ratio=1"], 0, "'f_asym': must have the form name=value"),
         (["f_asym=much", "f_init_ratio=1"], 0, "f_asym = 'much': should be a number"),
-        (["f_asym=40", "f_init_ratio=1"], 0, "f_asym = 40: the map reaches from 0.5 to 20; the nearest value is 20"),
-        (["f_asym=-1", "f_init_ratio=1"], 0, "f_asym = -1: the map reaches from 0.5 to 20; the nearest value is 0.5"),
+        (["f_asym=40", "f_init_ratio=1"], 0, "f_asym = 40: the map reaches from 0.5 to 20; the nearest is 20"),
+        (["f_asym=-1", "f_init_ratio=1"], 0, "f_asym = -1: the map reaches from 0.5 to 20; the nearest is 0.5"),
         (["f_asym=nan", "f_init_ratio=1"], 0, "f_asym = nan: the map reaches from 0.5 to 20"),
         (
             ["f_asym=3", "f_init_ratio=2.5"],
             0,
-            "f_init_ratio = 2.5: the map reaches from 0 to 2; the nearest value",
+            "f_init_ratio = 2.5: the map reaches from 0 to 2; the nearest is",
         ),
     ],
 )

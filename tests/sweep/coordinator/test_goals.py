@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from bow_sweep.coordinator.goals import GoalGate, Hold
+from bow_sweep.coordinator.goals import GoalGate, Hold, is_wrong
 from bow_sweep.coordinator.session_events import GoalAccepted, GoalRefused
 
 FIRST, SECOND = (GoalAccepted(key, "fig11d", ()) for key in (b"1", b"2"))
 MISSING = ["no recorder is heard", "no classifier is heard"]
+
+
+def test_a_sweep_that_cannot_be_computed_does_not_wait() -> None:
+    assert not is_wrong(FIRST)
+    assert is_wrong(GoalAccepted(b"3", "nope", ()))
+    assert is_wrong(GoalAccepted(b"3", "fig11d", ("x.count=0",)))
 
 
 def test_a_goal_passes_where_nobody_is_missing() -> None:

@@ -15,6 +15,7 @@ from small_graph import SmallGraph
 
 from bow_sim.protocol import cdr
 from bow_sim.protocol.messages import FORMAT
+from bow_sweep.cell.from_bag import BagCells
 from bow_sweep.coordinator.resume import resume
 from bow_sweep.maps.map_file import read_map_npz
 from bow_sweep.record.bag import BagError, bag_files, messages
@@ -189,3 +190,15 @@ def test_only_messages_that_begin_with_the_run_lack_something():
     assert not lacks(None)
     assert complete(b"\0\1\0\0rest", b"") == b"\0\1\0\0rest"
     assert complete(b"\0\1\0\0rest", b"ab") == b"\0\1\0\0abrest"
+
+
+def test_a_cell_of_an_old_run_is_found_in_its_bag(genuine):
+    with Chunks() as chunks:
+        survey = Survey(genuine / "bag").read()
+        place = survey.places["bridge_force"][0, 1]
+        force = cdr.unseal("BridgeForce", chunks.read(place))
+    row, samples = 2, force["samples"]
+    bag = BagCells(genuine / "bag")
+    waveform = bag.waveform(int(force["cells"][row]))
+    bag.close()
+    assert waveform.bridge_force[samples:].tobytes() == force["data"].reshape(-1, samples)[row].tobytes()

@@ -132,14 +132,6 @@ def changed(topic, **fields):
     return cdr.encode(name, {**cdr.decode(name, getattr(CHUNK, topic)), **fields})
 
 
-FORCE = cdr.decode("BridgeForce", CHUNK.bridge_force)
-
-
-def inspected(**fields):
-    own = {"cell": FORCE["cells"][0], "name": "", "sample_rate": 6e4, "periods": np.zeros(695)}
-    return cdr.encode("InspectedCell", {**FORCE, **own, "bridge_force": FORCE["data"][:695], **fields})
-
-
 RUBBISH = {
     "another run": ("bridge_force", changed("bridge_force", run_id="f" * 16), "should be of run"),
     "another sweep": ("stick_slip", changed("stick_slip", sweep_id="f" * 16), "should be of run"),
@@ -162,7 +154,7 @@ RUBBISH = {
     "a message cut short": ("stick_slip", CHUNK.stick_slip[:100], ""),
     "nothing": ("verdicts", b"", "not with plain little-endian CDR"),
     "no map": ("basin_map", b"\x00\x01\x00\x00", ""),
-    "an inspected cell of another run": ("inspect", inspected(run_id="f" * 16), "this is run"),
+    "an inspected cell of another run": ("inspect", recording.inspected(CHUNK, run_id="f" * 16), "this is run"),
 }
 
 
@@ -234,7 +226,7 @@ def test_every_byte_that_says_something_of_the_chunk_is_checked(fuzzed, bit):
 
 
 def test_cells_under_inspection_and_maps_are_recorded_as_they_come(session, tmp_path):
-    shown = inspected()
+    shown = recording.inspected(CHUNK)
     for _ in range(2):
         take(session, "inspect", shown)
     recording.finish(session, SWEEP)
