@@ -82,7 +82,7 @@ class CellMotion:
     same: bool
 
     def curve(self, bow_force: float | None = None) -> FrictionCurve | None:
-        """Return the friction curve at a bow force, or at the one at the end; None with another law, or elastic hair."""
+        """Return the friction curve at a bow force, or at the last one; None with another law, or elastic hair."""
         p = self.parameters
         if p.friction != HYPERBOLA or p.hair_r:
             return None
