@@ -28,11 +28,11 @@ class Viewer:
         Where there is no such program, or it cannot be started.
     """
 
-    def __init__(self, what: str | Path, program: Sequence[str] = ()) -> None:
+    def __init__(self, what: str, program: Sequence[str] = ()) -> None:
         command = program or _program()
         self._output = tempfile.TemporaryFile()  # noqa: SIM115  # until the viewer has ended
         options = [
-            *([str(what)] if isinstance(what, Path) else ["--connect", what]),
+            *(["--connect", what] if "://" in what else [what]),
             "--bind",
             LOOPBACK,
             "--port",
