@@ -18,7 +18,9 @@ from PIL import Image
 from bow_sim.protocol import cdr
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.figures.colours import GREY, transient_colours
+from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.view.live_run import LiveRun
+from bow_sweep.view.tests_over_time import LEDGER
 
 NEEDED = "needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1"
 SETTLE_S = 2.0
@@ -47,7 +49,11 @@ def shown(tmp_path_factory) -> Path:
     result = map_file(16, 8, computed=112)
     tested = ~np.isnan(result.transient_periods)
     regimes = np.where(tested, np.where(result.helmholtz, HELMHOLTZ, SLIP), PENDING).astype(np.uint8)
-    show.recording.tests(replace(result, regimes=regimes, confidence=np.full(regimes.shape, 0.9, np.float32)))
+    directory = show.recording.path.parent
+    (directory / LEDGER).touch()
+    confidence = np.full(regimes.shape, 0.9, np.float32)
+    write_map_npz(directory / MAP, replace(result, regimes=regimes, confidence=confidence))
+    show.plan(plan(2, nx=16, ny=8, done=14))
     show.finish([])
     return show.recording.path
 
