@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -124,21 +125,44 @@ class BagCells:
             raise DamagedCell(f"cell {cell}: not simulated in this run")
         parts = []
         for chunk in range(self.outline.chunks):
-            places = [self._survey.places[topic].get((block, chunk)) for topic in ("bridge_force", "stick_slip")]
-            if places[0] is None or places[1] is None:
+            if any((block, chunk) not in self._survey.places[topic] for topic in ("bridge_force", "stick_slip")):
                 have = f"{self.chunks_of(cell)} of {self.outline.chunks} chunks"
                 raise DamagedCell(f"cell {cell}: the bag has {have} of its block {block}; chunk {chunk} is missing")
             try:
-                force = self.outline.unseal("BridgeForce", self._read(places[0]))
-                slip = self.outline.unseal("StickSlip", self._read(places[1]))
-            except (BagError, cdr.WireError, OSError) as error:
-                raise DamagedCell(f"cell {cell}: block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+                force, slip = self.streams(block, chunk)
+            except DamagedCell as error:
+                raise DamagedCell(f"cell {cell}: {error}") from None
             parts.append(part_of(row, self.outline.chunk_samples, force["data"], slip))
         return joined(parts, self.outline.chunk_samples)
 
-    def _read(self, place: Place) -> cdr.Buffer:
-        """Return a whole message."""
-        return self._chunks.read(place)
+    def streams(self, block: int, chunk: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the fields of BridgeForce and StickSlip of all cells of a block in a chunk; checksums are checked.
+
+        Raises
+        ------
+        DamagedCell
+            Where a message is missing, or its checksum does not hold.
+        """
+        found = []
+        for topic, name in (("bridge_force", "BridgeForce"), ("stick_slip", "StickSlip")):
+            place = self._survey.places[topic].get((block, chunk))
+            if place is None:
+                raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
+            try:
+                found.append(self.outline.unseal(name, self._read(place)))
+            except (BagError, cdr.WireError, OSError) as error:
+                raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+        return found[0], found[1]
+
+    def _read(self, place: Place) -> bytes:
+        """Return a whole message; the survey of the index knows its place only.
+
+        Raises
+        ------
+        BagError
+            Where it is in a compressed chunk, or the file ends before it.
+        """
+        return bytes(self._chunks.read(place))
 
     def basin(self) -> Basin:
         """Return all recorded verdicts."""
