@@ -154,9 +154,15 @@ class BagCells:
                 raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
         return found[0], found[1]
 
-    def _read(self, place: Place) -> cdr.Buffer:
-        """Return a whole message."""
-        return self._chunks.read(place)
+    def _read(self, place: Place) -> bytes:
+        """Return a whole message; the survey of the index knows its place only.
+
+        Raises
+        ------
+        BagError
+            Where it is in a compressed chunk, or the file ends before it.
+        """
+        return bytes(self._chunks.read(place))
 
     def basin(self) -> Basin:
         """Return all recorded verdicts."""

@@ -223,7 +223,7 @@ class RunCells:
             return wave, None, f"there is no bag to hold it against; {kernel}"
         block = self.bag.block_of(cell)
         if block is None:
-            return wave, None, f"the run did not simulate this cell, it is predicted in the map; {kernel}"
+            return wave, None, f"it is predicted in the map; {kernel}"
         try:
             recorded = self.bag.waveform(cell)
         except CellError:
@@ -274,6 +274,12 @@ class RunCells:
 
     def _complete(self, cell: int, wave: Waveform, source: str, checked: bool | None, why: str) -> CellRecord:
         iy, ix = divmod(cell, self.map.shape[1])
+        tests, transient = self._tests(iy, ix), float(self.map.transient_periods[iy, ix])
+        if source == "computed" and (tests.regime == PENDING).all():
+            from bow_sweep.cell.computed import judged
+
+            tests, transient = judged(self.sweep, cell)
+            why += "; the run has no verdicts on it, those shown are made here"
         return CellRecord(
             bridge_force=wave.bridge_force,
             slipping_first=wave.slipping_first,
@@ -287,8 +293,8 @@ class RunCells:
             x=float(self.map.x[ix]),
             y=float(self.map.y[iy]),
             parameters=parameters_of(self.sweep, cell),
-            tests=self._tests(iy, ix),
-            transient_periods=float(self.map.transient_periods[iy, ix]),
+            tests=tests,
+            transient_periods=transient,
             source=source,
             checked=checked,
             why=why,

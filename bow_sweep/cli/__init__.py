@@ -4,8 +4,8 @@ parser        the parser of all commands, and what runs one
 sweep         `bow sweep`
 sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
-transient     `bow transient`
 inspect       `bow inspect`
+transient     `bow transient`
 verify        `bow verify`
 replay        `bow replay`
 recover       `bow recover`

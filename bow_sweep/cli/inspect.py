@@ -178,8 +178,13 @@ def _recording(args: argparse.Namespace) -> Path:
 def _show(args: argparse.Namespace, records: Sequence[CellRecord], recording: Sequence[CellRecord] | None) -> int:
     """Print what is known of the cells, and write the files; return the exit status."""
     from bow_sweep.cell.portrait import Portrait
+    from bow_sweep.processes.progress import percentages
 
-    portraits = {record.cell: Portrait.of(record) for record in recording or records}
+    portraits, progress = {}, percentages("simulating and analysing the cells")
+    everything = recording or records
+    for number, record in enumerate(everything, 1):
+        portraits[record.cell] = Portrait.of(record)
+        progress(number, len(everything))
     status = DONE
     for record in records:
         print(record.title)

@@ -202,7 +202,6 @@ def test_a_cell_that_simulators_died_of_is_computed_only_when_that_is_asked_for(
         record = cells.record(6, "computed")
     assert record.checked is None
     assert "the checksums of 1 of 4 chunks hold" in record.why
-    assert np.isnan(record.transient_periods)
 
 
 def test_a_second_look_is_the_same_record(complete: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -267,6 +266,34 @@ def test_a_map_beside_the_bag_of_another_run_is_refused(whole: Path, complete: P
     np.savez(whole / MAP, **arrays)
     with pytest.raises(CellError, match=r"map.npz is of run f+, bag/ of run 0123"):
         RunCells(whole)
+
+
+def test_a_cell_that_was_not_simulated_is_computed_and_judged_as_the_run_would_have(
+    complete: Path, tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(complete, tmp_path / "run"))
+    shutil.rmtree(run / "bag")
+    found = read_map(run)
+    arrays = dict(np.load(run / MAP))
+    for name in ("regimes", "confidence", "correlation", "period", "slips", "corners", "helmholtz"):
+        arrays[name][:, 1, 2] = {"regimes": 255}.get(name, 0)
+    arrays["regime"][1, 2] = 255
+    arrays["transient_periods"][1, 2] = 15  # as predicted
+    np.savez(run / MAP, **arrays)
+    with RunCells(run) as cells:
+        record = cells.record(6)
+        other = cells.record(5)
+    assert "those shown are made here" in record.why
+    assert "made here" not in other.why
+    assert found.regimes is not None and found.confidence is not None
+    for mine, right in (
+        (record.tests.regime, found.regimes),
+        (record.tests.confidence, found.confidence),
+        (record.tests.period, found.period),
+        (record.tests.helmholtz, found.helmholtz),
+    ):
+        assert mine.tobytes() == right[:, 1, 2].tobytes()
+    assert record.transient_periods == found.transient_periods[1, 2]
 
 
 def test_a_run_of_an_older_version_is_read(root: Path) -> None:

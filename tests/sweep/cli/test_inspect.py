@@ -33,7 +33,8 @@ def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
 def inspect(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
     status = main(["inspect", *map(str, words)])
     captured = capsys.readouterr()
-    return status, captured.out, captured.err
+    said = [line for line in captured.err.splitlines() if not line.endswith(" %")]  # progress, on a busy machine
+    return status, captured.out, "\n".join(said)
 
 
 def test_cells_are_added_to_the_recording_of_the_run(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,3 +155,31 @@ def test_what_is_no_run_or_cannot_be_written_is_said_in_one_line(
     assert status == 2
     assert len(err.strip().splitlines()) == 1
     assert (tmp_path / "other.rrd").read_bytes() == b"nonsense"
+
+
+@pytest.mark.parametrize(
+    ("end", "said"), [(None, ""), ("", ""), ("the viewer ended (exit status 1): no GPU", "no GPU; open it where")]
+)
+def test_the_viewer_opens_the_recording_and_what_goes_wrong_with_it_is_said(
+    end: str | None, said: str, whole: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bow_sweep.cli import inspect as command
+    from bow_sweep.view import viewer
+
+    opened = []
+
+    class Window:
+        def __init__(self, recording: str) -> None:
+            opened.append(recording)
+
+        def ended(self) -> str | None:
+            return end
+
+    monkeypatch.setenv("DISPLAY", ":99")
+    monkeypatch.setattr(viewer, "Viewer", Window)
+    monkeypatch.setattr(command, "VIEWER_WAIT_S", 0.2)
+    status, _, err = inspect(capsys, whole, "--cell", 6)
+    assert status == 0
+    assert opened == [str(whole / "cells.rrd")]
+    assert (said in err) and bool(err) == bool(said)
+    assert cells_in(whole / "cells.rrd", recording.RUN) == [6]
