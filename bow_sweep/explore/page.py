@@ -187,7 +187,9 @@ def page_of(runs: Sequence[Shown], last_periods: int | None = None, all_tests: b
     ranges: list[Range1d] = []
     for number, panel in enumerate(panels):
         figure = panel.parts["map"]
-        figure.js_on_event("tap", CustomJS(code=f"bow.tap({number}, cb_obj.x, cb_obj.y)"))
+        tap = CustomJS(code=f"bow.tap({number}, cb_obj.x, cb_obj.y)")
+        figure.js_on_event("tap", tap)
+        figure.js_on_event("doubletap", tap)  # to Bokeh, two quick clicks are one, wherever they are
         if not ranges or not linked:
             begin = max(0.0, spans[number] - min(10, last_periods or 10))
             ranges = [Range1d(start=begin, end=spans[number]), plots.hearing_range(panel.shown.sample_rate)]
