@@ -4,8 +4,8 @@ window.bow = {
   maps: [], // what is known of each run, from page.py; kept here because each callback of Bokeh gets a copy
 
   // Begin: show the first layer and cell.
-  start(maps, chosen, select, slider) {
-    Object.assign(bow, {maps, chosen, select, slider});
+  start(given) {
+    Object.assign(bow, given); // maps, chosen, select, slider, floor
     bow.show();
     bow.chose();
     bow.keys();
@@ -156,8 +156,6 @@ window.bow = {
   none() {
     return {frequency: [], level: []};
   },
-
-  floor: 90, // dB below the strongest component at which spectra end
 
   // Amplitude spectrum (Hann window, mean removed) and harmonics of the last whole periods, dB; 0 dB is an amplitude of 1.
   spectra(force, period, rate) {

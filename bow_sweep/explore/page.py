@@ -30,6 +30,7 @@ from bow_sim.physics.parameters import FIELDS
 from bow_sweep.explore import plots
 from bow_sweep.explore.layers import Layer, difference_layer, hex_colour, layers_of, regime_names
 from bow_sweep.explore.pairs import differences, nearest_cells, same_plane
+from bow_sweep.explore.samples import FLOOR_DB
 from bow_sweep.figures.colours import regime_colours
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, PlotAxis
 from bow_sweep.maps.map_file import MapFile
@@ -171,7 +172,7 @@ def page_of(runs: Sequence[Shown], last_periods: int | None = None, all_tests: b
     chosen = ColumnDataSource(name="chosen", data={"cell": first_cells([run.map for run in runs])})
     options: Any = [(layer.name, layer.title) for layer in layers[-1]]
     select = Select(name="layer", value="transient", options=options, width=270, title="Map shows")
-    slider = _slider([run.map for run in runs])
+    slider = _slider([run.map for run in runs], all_tests)
     for panel, run in zip(panels, runs, strict=True):
         panel.script["nearest"] = [nearest_cells(run.map, other.map) for other in runs]
     show = CustomJS(code="bow.show()")
@@ -179,14 +180,16 @@ def page_of(runs: Sequence[Shown], last_periods: int | None = None, all_tests: b
     slider.js_on_change("value", show)
     chosen.js_on_change("data", CustomJS(code="bow.chose()"))
     maps = [panel.script for panel in panels]
-    given = {"maps": maps, "chosen": chosen, "select": select, "slider": slider}
-    ready = CustomJS(args=given, code="bow.start(maps, chosen, select, slider)")
+    given = {"maps": maps, "chosen": chosen, "select": select, "slider": slider, "floor": FLOOR_DB}
+    ready = CustomJS(args=given, code="bow.start({maps, chosen, select, slider, floor})")
     spans = [_periods(run) for run in runs]
     linked = len(set(spans)) == 1
     ranges: list[Range1d] = []
     for number, panel in enumerate(panels):
         figure = panel.parts["map"]
-        figure.js_on_event("tap", CustomJS(code=f"bow.tap({number}, cb_obj.x, cb_obj.y)"))
+        tap = CustomJS(code=f"bow.tap({number}, cb_obj.x, cb_obj.y)")
+        figure.js_on_event("tap", tap)
+        figure.js_on_event("doubletap", tap)  # to Bokeh, two quick clicks are one, wherever they are
         if not ranges or not linked:
             begin = max(0.0, spans[number] - min(10, last_periods or 10))
             ranges = [Range1d(start=begin, end=spans[number]), plots.hearing_range(panel.shown.sample_rate)]
@@ -211,13 +214,12 @@ def first_cells(maps: Sequence[MapFile]) -> list[int]:
     return [cell, *(int(nearest_cells(maps[0], other)[cell]) for other in maps[1:])]
 
 
-def _slider(maps: Sequence[MapFile]) -> Slider:
+def _slider(maps: Sequence[MapFile], all_tests: bool) -> Slider:
     longest = max((plane.test_periods for plane in maps), key=lambda tests: tests[-1])
     first, last = float(longest[0]), float(longest[-1])
     step = float(longest[1] - longest[0]) if len(longest) > 1 else 1.0
-    return Slider(
-        name="test", title="after periods", start=first, end=max(last, first + step), step=step, value=last, width=230
-    )
+    title = "after periods" if all_tests else "large map: last test only"
+    return Slider(name="test", title=title, start=first, end=max(last, first + step), step=step, value=last, width=230)
 
 
 # ---- one run

@@ -11,7 +11,7 @@ from bow_sweep.cell import analysis
 from bow_sweep.cell.cell_record import CellRecord
 
 FLOOR_DB = 90.0
-"""Spectra end so much below their strongest component; `floor` in page.js is the same."""
+"""Spectra end so much below their strongest component."""
 
 Columns = dict[str, Any]
 

@@ -28,6 +28,9 @@ from bow_sweep.explore.samples import columns_of
 
 LOOPBACK = "127.0.0.1"
 
+MOST_VALUES = 2_000_000
+"""Largest number of cells times tests of which a page has every test: 17 bytes each go to the browser."""
+
 TRIES = 5
 """How often a free port is looked for: another process may take it first."""
 
@@ -53,7 +56,9 @@ class CellPage:
 
     def __init__(self, runs: Sequence[RunCells], names: Sequence[str]) -> None:
         self.runs = runs
-        self.page: Page = page_of([shown(run, name) for run, name in zip(runs, names, strict=True)])
+        values = sum(run.cells * len(run.map.test_periods) for run in runs)
+        described = [shown(run, name) for run, name in zip(runs, names, strict=True)]
+        self.page: Page = page_of(described, all_tests=values <= MOST_VALUES)
         self._played = 0
         self._cells: list[int | None] = [None] * len(runs)
         self._choose("data", {}, self.page.chosen.data)

@@ -86,7 +86,7 @@ class Tab:
     def play(self, letter: str = "") -> np.ndarray:
         """Press a play button; return the samples that are played."""
         self.page.evaluate("bow.sound = null")
-        self.page.evaluate_handle("document.title")  # one round trip, so that what was clicked before has arrived
+        self.page.evaluate("document.title")  # one round trip, so that what was clicked before has arrived
         buttons = self.page.get_by_role("button", name="Play")
         buttons.nth(1 if letter == "B" else 0).click()
         self.page.wait_for_function("bow.sound !== null")

@@ -169,6 +169,14 @@ def test_each_layer_has_on_the_screen_the_colours_of_the_map(one: Tab, first_run
             assert not wrong.any(), f"{layer.name} after test {test}: cells {np.argwhere(wrong).tolist()}"
 
 
+def test_the_second_of_two_quick_clicks_counts(saved: Tab) -> None:
+    tab = saved
+    places = [tab.place("map", 2.5, 0.5), tab.place("map", 6.5, 4.5)]
+    for place in places:
+        tab.page.mouse.click(*place)
+    tab.until(f"bow.chosen.data.cell[0] === {4 * NX + 6}")
+
+
 def test_arrow_keys_go_to_the_neighbour(one: Tab) -> None:
     tab = one
     tab.click_cell(3, 3)
