@@ -4,6 +4,7 @@ plan               what is to be simulated
 maps               what a sweep found
 run                a run on disk: directory, ledger, lock
 record             its bag
+cell               one cell of a run: waveform, analysis, sound
 figures            pictures of finished maps
 view               the dashboard
 coordinator        who hands out the blocks
@@ -15,6 +16,7 @@ entry              entry points of the executables
 Public names, imported when they are first used:
 
 MapFile            a finished map: its axes, and every test of every cell
+RunCells           the cells of a run: chosen, read from the bag or computed again
 Sweep              what is to be simulated
 compute            computes and classifies a sweep in this process
 read_map           reads the map of a run directory
@@ -26,6 +28,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from bow_sweep.cell.run_cells import RunCells as RunCells
     from bow_sweep.maps.in_process import compute as compute
     from bow_sweep.maps.map_file import MapFile as MapFile
     from bow_sweep.maps.map_file import read_map as read_map
@@ -35,6 +38,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "MapFile": "bow_sweep.maps.map_file",
+    "RunCells": "bow_sweep.cell.run_cells",
     "Sweep": "bow_sweep.plan.sweep",
     "compute": "bow_sweep.maps.in_process",
     "read_map": "bow_sweep.maps.map_file",
@@ -42,7 +46,7 @@ _MODULES = {
     "verify": "bow_sweep.record.verify",
 }
 
-__all__ = ["MapFile", "Sweep", "compute", "read_map", "replay", "verify"]
+__all__ = ["MapFile", "RunCells", "Sweep", "compute", "read_map", "replay", "verify"]
 
 
 def __getattr__(name: str) -> Any:

@@ -22,6 +22,7 @@ IMPURE = {
     "bow_classifier.node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
+    "bow_sweep.cell.from_bag": {"mcap"},
     "bow_sweep.record.bag": {"mcap"},
     "bow_sweep.record.index_contents": {"mcap"},
     "bow_sweep.record.inspection": {"mcap"},

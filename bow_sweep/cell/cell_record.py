@@ -1,0 +1,121 @@
+"""What is known of one cell of a run, as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.cell.waveform import Waveform
+
+
+@dataclass(frozen=True, eq=False)
+class CellTests:
+    """What the classifier said of a cell at each test. Arrays are (tests,).
+
+    Attributes
+    ----------
+    periods
+        Time of the test, nominal periods.
+    regime
+        uint8, index into `regime_names`; 255 = no verdict, or not kept (older runs keep the latest only).
+    confidence
+        float32, probability that the regime is right; NaN = not known.
+    correlation, period
+        float32, `period` in samples; NaN = no interior maximum, or no verdict.
+    slips, corners
+        uint16, number in the five periods before the test.
+    helmholtz
+        bool: whether all three tests passed.
+    """
+
+    periods: np.ndarray
+    regime: np.ndarray
+    confidence: np.ndarray
+    correlation: np.ndarray
+    period: np.ndarray
+    slips: np.ndarray
+    corners: np.ndarray
+    helmholtz: np.ndarray
+    regime_names: tuple[str, ...]
+
+    def name(self, test: int = -1) -> str:
+        """Return the name of the regime at a test; "pending" without a verdict."""
+        code = int(self.regime[test]) if len(self.regime) else PENDING
+        return self.regime_names[code] if code < len(self.regime_names) else "pending"
+
+    def runs(self) -> list[tuple[int, int, str]]:
+        """Return the regimes in their order: (first period, period after the last, name) of each stretch."""
+        out: list[tuple[int, int, str]] = []
+        begin = 0
+        for test, end in enumerate(self.periods.tolist()):
+            name = self.name(test)
+            if out and out[-1][2] == name:
+                out[-1] = (out[-1][0], int(end), name)
+            else:
+                out.append((begin, int(end), name))
+            begin = int(end)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class CellRecord(Waveform):
+    """One cell of a run.
+
+    Attributes
+    ----------
+    run_id
+        Of the run; "" where nothing says it.
+    cell
+        Index in the map, iy * nx + ix.
+    x_name, y_name, x, y
+        The parameters of the map's axes, and their values in this cell.
+    parameters
+        Everything that decides the waveform.
+    tests
+        What the classifier said.
+    transient_periods
+        Periods until the tests first passed; 0 = never, NaN = not done.
+    source
+        "bag" or "computed".
+    checked
+        Whether the samples were held against the recorded ones: True, equal; False, not equal; None, nothing to hold
+        them against. :meth:`bow_sweep.cell.run_cells.RunCells.record` says what is compared.
+    why
+        The same in a sentence, with the reason where the source is not the one expected.
+    """
+
+    run_id: str
+    cell: int
+    x_name: str
+    y_name: str
+    x: float
+    y: float
+    parameters: Parameters
+    tests: CellTests
+    transient_periods: float
+    source: str
+    checked: bool | None
+    why: str
+
+    @property
+    def sample_rate(self) -> float:
+        """Samples per second."""
+        return self.parameters.sample_rate
+
+    @property
+    def period(self) -> int:
+        """Nominal period of the string, samples."""
+        return self.parameters.period
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Every parameter of the cell as "name=value", sorted."""
+        return self.parameters.settings()
+
+    @property
+    def title(self) -> str:
+        """The cell and the values of its two parameters, as text."""
+        return f"cell {self.cell}: {self.x_name} {self.x:.4g}, {self.y_name} {self.y:.4g}"

@@ -1,0 +1,68 @@
+"""Cells computed again by the kernel that simulators use, and whether they are the recorded ones.
+
+The bits of a cell do not depend on the cells it is computed with (:mod:`bow_sim.kernel.block`), so a cell computed
+alone has the samples that it had in its block, where the kernel is the same: same sources, compilers and processor
+(:func:`bow_sim.kernel.fingerprint.fingerprint`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bow_sim.block_request import BlockRequest, encode_chunk
+from bow_sim.kernel.block import Block
+from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol import cdr
+from bow_sweep.cell.parameters import Plane, lanes
+from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
+
+
+def compute(plane: Plane, cell: int, periods: int | None = None) -> Waveform:
+    """Compute one cell.
+
+    Parameters
+    ----------
+    plane
+        The sweep, or its outline.
+    cell
+        Index in the map.
+    periods
+        Nominal periods to compute, in whole chunks of five; None: as many as the sweep has. More periods begin with
+        the same samples.
+
+    Raises
+    ------
+    CellError
+        For values that cannot be simulated.
+    """
+    common = plane.parameters if periods is None else plane.parameters.replace(periods=periods)
+    try:
+        block = Block(common, lanes(plane, np.array([cell])))
+    except ParameterError as error:
+        raise CellError(f"cell {cell}: {error}") from None
+    parts = []
+    for _ in range(common.chunks):
+        chunk = block.advance()
+        parts.append(part_of(0, common.chunk_samples, chunk.bridge_force.reshape(-1), chunk._asdict()))
+    return joined(parts, common.chunk_samples)
+
+
+def chunk_checksums(plane: Plane, block: int, cells: np.ndarray) -> list[int]:
+    """Compute a whole block again; return the checksum of each of its chunks, as receipts and verdicts state it.
+
+    Parameters
+    ----------
+    block, cells
+        Number of the block, and its cells.
+    """
+    identity: dict[str, Any] = {"run_id": "", "sweep_id": "", "block": block, "attempt": 0, "cells": cells}
+    request = BlockRequest(identity, Block(plane.parameters, lanes(plane, cells)))
+    out = []
+    for chunk in range(request.chunks):
+        messages, _ = encode_chunk(request, chunk, request.block.advance(), "", ())
+        names = ("BridgeForce", "StickSlip")
+        sums = [int(cdr.decode_head(name, data)["checksum"]) for name, data in zip(names, messages, strict=True)]
+        out.append(cdr.chunk_checksum(block, chunk, *sums))
+    return out

@@ -1,0 +1,166 @@
+"""Cells out of a bag: only the messages of the cell's block are read, at the places that the bag's index gives."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bow_sim.protocol import cdr
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
+from bow_sweep.maps.basin_map import Basin
+from bow_sweep.record.bag import BagError, bag_files
+from bow_sweep.record.bag_contents import Place, Survey
+from bow_sweep.record.index_contents import IndexSurvey
+from bow_sweep.record.mcap_reader import Scan
+from bow_sweep.record.mcap_records import Message
+from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC, MESSAGE_FIXED, MESSAGE_HEAD
+
+MOST_BYTES = 1 << 28
+"""Largest message that is read: the head of a damaged one may state any size."""
+
+
+class DamagedCell(CellError):
+    """The bag's messages of a cell are not all there, or a checksum does not hold; names block and chunk."""
+
+
+class _CellSurvey(IndexSurvey):
+    """Finds the messages of complete files by their index; files that are cut off, or still written, by reading all."""
+
+    def read_file(self, scan: Scan) -> Iterator[Message]:
+        """Take in the messages of a file."""
+        read = IndexSurvey if _is_complete(scan.path) else Survey
+        yield from read.read_file(self, scan)
+
+
+def _is_complete(path: Path) -> bool:
+    """Return whether a file has its end: the writer closed it."""
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        file.seek(max(0, size - len(MAGIC)))
+        return file.read() == MAGIC and size > FOOTER_SIZE + 2 * len(MAGIC)
+
+
+class BagCells:
+    """The cells in the bag of a run. The files stay open.
+
+    Parameters
+    ----------
+    directory
+        Of the bag.
+
+    Attributes
+    ----------
+    outline
+        The sweep, from the recorded plan.
+    fingerprint
+        Of the kernel that computed the run.
+
+    Raises
+    ------
+    CellError
+        Where the bag cannot be read, or holds no plan.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self._survey = _CellSurvey(directory)
+        try:
+            self._survey.read()
+        except OSError as error:
+            raise CellError(f"{directory}: cannot be read: {error.strerror}") from None
+        if self._survey.expected is None:
+            what = self._survey.problems[0]["what"] if self._survey.problems else "no messages"
+            raise CellError(f"{directory}: holds no plan, so no cell can be found in it ({what})")
+        self.outline: SweepOutline = self._survey.expected
+        self.fingerprint = str(self._survey.plan["fingerprint"])
+        self._files: dict[Path, int] = {}
+        planned = self.outline.planned
+        self._block = np.full(self.outline.cells, -1)
+        self._row = np.zeros(self.outline.cells, int)
+        for block in range(planned.count):
+            cells = planned.block(block)
+            self._block[cells], self._row[cells] = block, np.arange(len(cells))
+
+    def close(self) -> None:
+        """Close the files."""
+        for descriptor in self._files.values():
+            os.close(descriptor)
+        self._files.clear()
+
+    def block_of(self, cell: int) -> int | None:
+        """Return the block of a cell; None where an adaptive sweep has not planned it."""
+        return int(self._block[cell]) if self._block[cell] >= 0 else None
+
+    def chunks_of(self, cell: int) -> int:
+        """Return how many chunks of a cell are in the bag, with both streams."""
+        block = self.block_of(cell)
+        force, slip = (self._survey.places[topic] for topic in ("bridge_force", "stick_slip"))
+        keys = [] if block is None else [(block, chunk) for chunk in range(self.outline.chunks)]
+        return sum(key in force and key in slip for key in keys)
+
+    def checksum(self, block: int, chunk: int) -> int | None:
+        """Return the checksum of a chunk's streams that a verdict or a receipt states; None where none does."""
+        verdict = self._survey.verdicts.get((block, chunk))
+        return verdict.chunk_checksum if verdict else None
+
+    def waveform(self, cell: int) -> Waveform:
+        """Return the motion of a cell; the checksum of every message that it comes from is checked.
+
+        Raises
+        ------
+        DamagedCell
+            Where messages are missing, or a checksum does not hold.
+        """
+        block, row = self.block_of(cell), int(self._row[cell])
+        if block is None:
+            raise DamagedCell(f"cell {cell}: not simulated in this run")
+        parts = []
+        for chunk in range(self.outline.chunks):
+            places = [self._survey.places[topic].get((block, chunk)) for topic in ("bridge_force", "stick_slip")]
+            if places[0] is None or places[1] is None:
+                have = f"{self.chunks_of(cell)} of {self.outline.chunks} chunks"
+                raise DamagedCell(f"cell {cell}: the bag has {have} of its block {block}; chunk {chunk} is missing")
+            try:
+                force = self.outline.unseal("BridgeForce", self._read(places[0]))
+                slip = self.outline.unseal("StickSlip", self._read(places[1]))
+            except (BagError, cdr.WireError, OSError) as error:
+                raise DamagedCell(f"cell {cell}: block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+            parts.append(part_of(row, self.outline.chunk_samples, force["data"], slip))
+        return joined(parts, self.outline.chunk_samples)
+
+    def _read(self, place: Place) -> bytes:
+        """Return a whole message; the survey of the index knows its place only.
+
+        Raises
+        ------
+        BagError
+            Where it is in a compressed chunk, or the file ends before it.
+        """
+        if place.offset < 0:
+            raise BagError(f"{place.file.name} is compressed; bow writes bags that are not, and reads cells of those")
+        if place.file not in self._files:
+            self._files[place.file] = os.open(place.file, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = self._files[place.file]
+        head = os.pread(descriptor, MESSAGE_HEAD.size, place.offset - MESSAGE_HEAD.size)
+        if len(head) != MESSAGE_HEAD.size:
+            raise BagError(f"{place.file.name} ends before byte {place.offset}")
+        length = MESSAGE_HEAD.unpack(head)[1] - MESSAGE_FIXED
+        data = os.pread(descriptor, length, place.offset) if place.length <= length <= MOST_BYTES else b""
+        if len(data) != length:
+            raise BagError(f"{place.file.name} has no whole message at byte {place.offset}")
+        return data
+
+    def basin(self) -> Basin:
+        """Return all recorded verdicts."""
+        basin = Basin(self.outline.x.count, self.outline.y.count, self.outline.chunks)
+        for (block, chunk), verdict in sorted(self._survey.verdicts.items()):
+            basin.take(chunk, self.outline.block(block), verdict.layers)
+        return basin
+
+
+def has_bag(directory: Path) -> bool:
+    """Return whether a directory is a bag."""
+    return bool(bag_files(directory))
