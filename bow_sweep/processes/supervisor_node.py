@@ -7,10 +7,12 @@ import gc
 import os
 import time
 from collections import Counter
+from dataclasses import dataclass, field
 
 import numpy as np
 import rclpy
 from bow_msgs.msg import BasinMap, Health, Plan
+from rclpy.context import Context
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
@@ -21,7 +23,7 @@ from bow_sim.graph.discovery import apply_defaults
 from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
 from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
-from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
+from bow_sim.protocol.neighbours import CONSUMERS, AwakeClock, Neighbour
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display, Progress
 from bow_sweep.processes.supervisor import SPECTATORS, Exit, GraphError, Supervisor, tail
@@ -38,11 +40,16 @@ NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
 """Health details that begin so are printed."""
 
 
-class SupervisorNode(BowNode):
-    """Reports exits of our processes to the graph, and keeps what is to be printed for the user.
+@dataclass
+class Observed:
+    """What the supervisor has learned of the graph. It outlives the node, which may have to be made again.
 
     Attributes
     ----------
+    watchdog
+        Decides which processes make no progress.
+    awake
+        The clock of the watchdog.
     progress
         How far the sweep is, from the latest map; None before the first.
     failed
@@ -55,18 +62,35 @@ class SupervisorNode(BowNode):
         Process numbers of the supervisor's children.
     closed
         The plan is closed: nothing more will be simulated.
+    waits
+        What the coordinator waits for, and since when.
     """
 
-    def __init__(self) -> None:
-        super().__init__("supervisor")
-        self.progress: Progress | None = None
-        self.failed = ""
-        self.details: dict[str, str] = {}
-        self.news: dict[str, bool] = {}
-        self.ours: set[int] = set()
-        self.watchdog = Watchdog(self.get_namespace().rpartition("/")[2])
-        self.closed = False
-        self._waits: tuple[str, float] = ("", 0.0)  # what the coordinator waits for, and since when
+    watchdog: Watchdog
+    awake: AwakeClock = field(default_factory=AwakeClock)
+    progress: Progress | None = None
+    failed: str = ""
+    details: dict[str, str] = field(default_factory=dict)
+    news: dict[str, bool] = field(default_factory=dict)
+    ours: set[int] = field(default_factory=set)
+    closed: bool = False
+    waits: tuple[str, float] = ("", 0.0)
+
+    def note_waiting(self, what: str, now: float) -> None:
+        """Print what the coordinator waits for in the middle of a sweep; before the first map, the display shows it."""
+        if what != self.waits[0]:
+            self.waits = (what, now)
+            self.news.pop(what, None)
+        elif what and self.progress is not None and now - self.waits[1] > MENTIONED_S:
+            self.news.setdefault(what, True)
+
+
+class SupervisorNode(BowNode):
+    """Reports exits of our processes to the graph, and takes in what the others publish."""
+
+    def __init__(self, name: str, seen: Observed, context: Context) -> None:
+        super().__init__("supervisor", name, context=context)
+        self._seen = seen
         # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
         self._exits = self.create_publisher(Health, "health", LATCHED_DEEP)
         self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
@@ -78,9 +102,9 @@ class SupervisorNode(BowNode):
             values = cdr.decode("BasinMap", data)
         except cdr.WireError:
             return
-        self.watchdog.progress(int(values["tests"].sum(dtype=np.int64)), self.awake.now())
+        self._seen.watchdog.progress(int(values["tests"].sum(dtype=np.int64)), self._seen.awake.now())
         counts = np.bincount(values["regime"], minlength=256)
-        self.progress = Progress(
+        self._seen.progress = Progress(
             done=values["cells_done"],
             quarantined=values["cells_quarantined"],
             planned=sum(values[f"cells_{name}"] for name in ("done", "quarantined", "outstanding")),
@@ -90,32 +114,25 @@ class SupervisorNode(BowNode):
     def _on_plan(self, data: bytes) -> None:
         with contextlib.suppress(cdr.WireError):
             plan = cdr.decode("Plan", data)
-            self.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
+            self._seen.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Take in a heartbeat of our processes; those that others have started in this namespace do not count."""
-        if message.host != self.health.host or message.pid not in self.ours:
+        seen = self._seen
+        if message.host != self.health.host or message.pid not in seen.ours:
             return
-        now = self.awake.now()
-        self.details[message.role] = message.detail
+        now = seen.awake.now()
+        seen.details[message.role] = message.detail
         if message.state != Health.DEAD:
-            self.watchdog.heartbeat(message.pid, message.role, message.state, message.run_id, now)
+            seen.watchdog.heartbeat(message.pid, message.role, message.state, message.run_id, now)
         if message.role == "coordinator":
-            self._note_waiting(message.detail if message.state == Health.STARTING else "", now)
+            seen.note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
-            self.failed = f"{message.role}: {message.detail}"
+            seen.failed = f"{message.role}: {message.detail}"
         elif message.state == Health.FAILED or message.detail.startswith(NEWS):
-            self.news.setdefault(f"{message.node}: {message.detail}", True)
+            seen.news.setdefault(f"{message.node}: {message.detail}", True)
         for note in message.detail.split(NOTE)[1:]:
-            self.news.setdefault(note, True)
-
-    def _note_waiting(self, what: str, now: float) -> None:
-        """Print what the coordinator waits for in the middle of a sweep; before the first map, the display shows it."""
-        if what != self._waits[0]:
-            self._waits = (what, now)
-            self.news.pop(what, None)
-        elif what and self.progress is not None and now - self._waits[1] > MENTIONED_S:
-            self.news.setdefault(what, True)
+            seen.news.setdefault(note, True)
 
     def report_exit(self, exit_: Exit) -> None:
         """Publish that a process has exited."""
@@ -150,31 +167,57 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
         exit_after(0)
 
 
+class _Graph:
+    """The supervisor's node in the graph, which can be made again: see `LOST_S`."""
+
+    def __init__(self, namespace: str) -> None:
+        self._arguments = ["bow", "--ros-args", "-r", f"__ns:={namespace}", "--log-file-name", "supervisor"]
+        self.seen = Observed(Watchdog(namespace.rpartition("/")[2]))
+        self._made: list[tuple[Context, Executor, SupervisorNode]] = []
+
+    def join(self) -> None:
+        """Make a node with DDS connections of its own. Earlier ones stay, idle: ending them could take long."""
+        context = Context()
+        rclpy.init(args=self._arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+        name = f"supervisor_{len(self._made) + 1}" if self._made else "supervisor"
+        executor, node = EventsExecutor(context=context), SupervisorNode(name, self.seen, context)
+        executor.add_node(node)
+        self._made.append((context, executor, node))
+
+    def spin(self, timeout_s: float) -> None:
+        """Take in what comes within a time."""
+        self._made[-1][1].spin_once(timeout_sec=timeout_s)
+
+    def report_exit(self, exit_: Exit) -> None:
+        """Publish that a process has exited."""
+        self._made[-1][2].report_exit(exit_)
+
+    def leave(self) -> None:
+        """End all nodes."""
+        exit_after(LEAVE_S)
+        while self._made:
+            context, executor, node = self._made.pop()
+            executor.shutdown()
+            node.destroy_node()
+            context.try_shutdown()
+
+
 def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
     """Make a node in the graph, and watch as long as it exists."""
-    arguments = ["bow", "--ros-args", "-r", f"__ns:={supervisor.namespace}", "--log-file-name", "supervisor"]
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    executor = EventsExecutor()
-    node = None
+    graph = _Graph(supervisor.namespace)
     try:
-        node = SupervisorNode()
-        executor.add_node(node)
-        _watch(supervisor, node, executor, display, interrupts)
+        graph.join()
+        _watch(supervisor, graph, display, interrupts)
     finally:
-        exit_after(LEAVE_S)
-        executor.shutdown()
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
+        graph.leave()
 
 
-def _watch(
-    supervisor: Supervisor, node: SupervisorNode, executor: Executor, display: Display, interrupts: Interrupts
-) -> None:
+def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: Interrupts) -> None:
     """Spin until the coordinator has finished; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
+    seen = graph.seen
     while True:
-        executor.spin_once(timeout_sec=0.05)
+        graph.spin(0.05)
         interrupts.check()
         for exit_ in supervisor.exited():
             child = exit_.child
@@ -182,29 +225,30 @@ def _watch(
                 if exit_.status == 0:
                     return
                 raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(child.log)}")
-            node.report_exit(exit_)
-            child.worked = child.process.pid in node.watchdog.worked
+            graph.report_exit(exit_)
+            child.worked = child.process.pid in seen.watchdog.worked
             if why := supervisor.why_left_out(exit_):
                 display.print_line(f"the sweep goes on without {child.name} ({why}); see {child.log}")
                 continue
             display.print_line(f"{child.name} ended ({exit_.cause}), starting it again; see {child.log}")
             supervisor.restart(exit_)
-        node.ours = {child.process.pid for child in supervisor.children}
-        _restart_unresponsive(supervisor, node, display, restarts)
+        seen.ours = {child.process.pid for child in supervisor.children}
+        if seen.watchdog.must_join_again(seen.awake.now()):
+            display.print_line("the coordinator is not heard any more: joining the graph again")
+            graph.join()
+        _restart_unresponsive(supervisor, seen, display, restarts)
         # Recorder and dashboard still send messages that others must receive before they exit.
-        if node.closed:
+        if seen.closed:
             supervisor.release(("simulator", "classifier"))
-        if node.failed:
-            raise GraphError(node.failed)
-        for line in [text for text, new in node.news.items() if new]:
-            node.news[line] = False
+        if seen.failed:
+            raise GraphError(seen.failed)
+        for line in [text for text, new in seen.news.items() if new]:
+            seen.news[line] = False
             display.print_line(line)
-        display.show(node.progress, node.details.get("coordinator", ""), time.monotonic())
+        display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
 
 
-def _restart_unresponsive(
-    supervisor: Supervisor, node: SupervisorNode, display: Display, restarts: Counter[str]
-) -> None:
+def _restart_unresponsive(supervisor: Supervisor, seen: Observed, display: Display, restarts: Counter[str]) -> None:
     """Kill the processes that others do not hear: the next round restarts them. Give up where that does not help.
 
     Raises
@@ -212,15 +256,15 @@ def _restart_unresponsive(
     GraphError
         Naming the processes that are not heard, and what to check.
     """
-    now, watchdog = node.awake.now(), node.watchdog
+    now, watchdog = seen.awake.now(), seen.watchdog
     children = {child.process.pid: child for child in supervisor.children}
     needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
-    if node.awake.slept > SUSPENDED_S:
+    if seen.awake.slept > SUSPENDED_S:
         watchdog.note_stop()
     stopped = watchdog.suspend_timeouts(needed, now)
     if stopped:
         names = ", ".join(sorted(children[pid].name for pid in stopped))
-        node.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
+        seen.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
         return
     unheard = watchdog.unheard(children, now)
     unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # the sweep does not need these
@@ -236,8 +280,8 @@ def _restart_unresponsive(
             raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {_hints()}")
         display.print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
-    if watchdog.is_stalled(now) and not node.closed:
-        raise GraphError(f"no progress for {STALL_S:g} s; {node.details.get('coordinator') or 'nothing is missing'}")
+    if watchdog.is_stalled(now) and not seen.closed:
+        raise GraphError(f"no progress for {STALL_S:g} s; {seen.details.get('coordinator') or 'nothing is missing'}")
 
 
 def _hints() -> str:

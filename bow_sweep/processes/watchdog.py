@@ -21,6 +21,10 @@ STUCK_S, AFTER_STOP_S = 12.0, 6.0
 UNHEARD_S = 15.0
 """A process has this long to send its first or next heartbeat, while it does not compute."""
 
+LOST_S, JOINS = 6.0, 2
+"""The supervisor joins the graph again when the coordinator, heard before, is not heard for this long, and this often
+until it is heard: after a stop that is longer than the lease of DDS, two participants may not find each other again."""
+
 STALL_S = 300.0
 """A sweep without progress for this long, while no process is stopped, is given up; it can be resumed."""
 
@@ -91,6 +95,8 @@ class Watchdog:
         self._heard: dict[int, float] = {}  # time of the last heartbeat, or of the first call that names the process
         self._usage: dict[int, tuple[Usage, float]] = {}  # at the beginning of a second, and when that was
         self._ran: dict[int, list[bool]] = {}  # whether it ran, at each check since then
+        self._coordinator: tuple[int, float] = (0, math.inf)  # its process, and when it was heard
+        self._joins = 0  # since then
         self._progress: tuple[object, float] = (None, 0.0)
         self.worked: set[int] = set()
         """Processes that have been ready."""
@@ -98,8 +104,10 @@ class Watchdog:
     def heartbeat(self, pid: int, role: str, state: int, run_id: str, now: float) -> None:
         """Take in a heartbeat of one of our processes: a :class:`NodeState`, and the run that it works for."""
         self._heard[pid] = now
-        if role == "coordinator" and run_id == self._run_id:
-            self._opened = min(self._opened, now)
+        if role == "coordinator":
+            self._coordinator, self._joins = (pid, now), 0
+            if run_id == self._run_id:
+                self._opened = min(self._opened, now)
         if state in (NodeState.READY, NodeState.BUSY):
             self.worked.add(pid)
         without_run = role in CONSUMERS and run_id != self._run_id
@@ -119,10 +127,25 @@ class Watchdog:
         stopped = {pid for pid in pids if self._read_usage(pid).stopped}
         if stopped:
             self.note_stop()
-            self._progress = (self._progress[0], now)
-            self._starting = {pid: process._replace(since=now) for pid, process in self._starting.items()}
-            self._heard.update(dict.fromkeys(self._heard.keys() & set(pids), now))
+            self._restart_timeouts(now)
         return stopped
+
+    def must_join_again(self, now: float) -> bool:
+        """Return whether the supervisor itself has lost its connections; all timeouts then start again."""
+        pid, heard = self._coordinator
+        if now - heard <= LOST_S or self._joins == JOINS:
+            return False
+        self._joins += 1
+        self._coordinator = (pid, now)
+        self._restart_timeouts(now)
+        return True
+
+    def _restart_timeouts(self, now: float) -> None:
+        self._progress = (self._progress[0], now)
+        self._starting = {pid: process._replace(since=now) for pid, process in self._starting.items()}
+        self._heard = dict.fromkeys(self._heard, now)
+        pid, heard = self._coordinator
+        self._coordinator = (pid, max(heard, now))
 
     def note_stop(self) -> None:
         """A process was stopped, or the machine slept: DDS may have lost connections that it does not find again."""
@@ -165,6 +188,8 @@ class Watchdog:
     def _extend(self, pid: int, now: float) -> None:
         """Leave a busy process at least half of each timeout."""
         self._heard[pid] = max(self._heard.get(pid, now), now - UNHEARD_S / 2)
+        if pid == self._coordinator[0]:
+            self._coordinator = (pid, max(self._coordinator[1], now - LOST_S / 2))
         if pid in self._starting:
             process = self._starting[pid]
             self._starting[pid] = process._replace(since=max(process.since, now - self._patience / 2))

@@ -6,6 +6,8 @@ import contextlib
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -87,5 +89,36 @@ def test_a_sweep_that_is_suspended_goes_on_by_itself_and_ends_whole(
         assert sweep.wait() == 0, sweep.text
         assert time.monotonic() - began < ENDS_WITHIN_S, sweep.text
         assert "Traceback" not in sweep.text
+    verified(run)
+    assert_same_map(whole, run)
+
+
+LOST = """
+import sys
+from bow_sweep.cli import main
+from bow_sweep.processes import supervisor_node, watchdog
+
+watchdog.LOST_S = 4.0
+nodes, take = [], supervisor_node.SupervisorNode.on_health
+
+def on_health(self, message, neighbour):
+    if self not in nodes:
+        nodes.append(self)
+    if self is not nodes[0] or "coordinator" not in self._seen.details:
+        take(self, message, neighbour)
+
+supervisor_node.SupervisorNode.on_health = on_health
+sys.exit(main(["sweep", *sys.argv[1:]]))
+"""
+"""The first node of the supervisor takes in no heartbeat after the first one of the coordinator."""
+
+
+def test_a_supervisor_that_hears_nothing_any_more_joins_the_graph_again(whole: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    command = [sys.executable, "-c", LOST, *LONG, "--simulators", "2", "--out", str(run)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0, done.stderr
+    assert "joining the graph again" in done.stderr
+    assert "Traceback" not in done.stderr
     verified(run)
     assert_same_map(whole, run)

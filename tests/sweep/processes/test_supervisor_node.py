@@ -12,7 +12,8 @@ from bow_msgs.msg import Plan
 
 from bow_sim.protocol import cdr
 from bow_sweep.processes.supervisor import Child, Supervisor
-from bow_sweep.processes.supervisor_node import SupervisorNode
+from bow_sweep.processes.supervisor_node import Observed, SupervisorNode
+from bow_sweep.processes.watchdog import Watchdog
 
 RUN = "a" * 16
 
@@ -33,9 +34,10 @@ def plan(run_id: str, state: int) -> bytes:
     ],
 )
 def test_only_the_closed_plan_of_our_run_releases_simulators(data: bytes, closed: bool) -> None:
-    node = SimpleNamespace(closed=False, get_namespace=lambda: f"/bow/{RUN}")
+    seen = Observed(Watchdog(RUN))
+    node = SimpleNamespace(_seen=seen, get_namespace=lambda: f"/bow/{RUN}")
     SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
-    assert node.closed is closed
+    assert seen.closed is closed
 
 
 PATIENT = """

@@ -11,7 +11,17 @@ import time
 import pytest
 
 from bow_sim.protocol.states import NodeState
-from bow_sweep.processes.watchdog import AFTER_STOP_S, STALL_S, STUCK_S, UNHEARD_S, Usage, Watchdog, usage
+from bow_sweep.processes.watchdog import (
+    AFTER_STOP_S,
+    JOINS,
+    LOST_S,
+    STALL_S,
+    STUCK_S,
+    UNHEARD_S,
+    Usage,
+    Watchdog,
+    usage,
+)
 
 RUN = "a" * 16
 
@@ -152,3 +162,32 @@ def test_usage_tells_whether_a_process_is_stopped_and_its_cpu_time() -> None:
         finally:
             process.kill()
     assert usage(process.pid) == Usage()
+
+
+def test_a_coordinator_that_was_heard_and_no_longer_is_makes_the_supervisor_join_again(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    assert not watchdog.must_join_again(100)  # not heard yet: it may still be starting
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 100)
+    watchdog.heartbeat(1, "recorder", NodeState.BUSY, RUN, 90)
+    for join in range(1, JOINS + 1):
+        assert not watchdog.must_join_again(100 + join * LOST_S)
+        watchdog.heartbeat(1, "recorder", NodeState.BUSY, RUN, 90)
+        assert watchdog.must_join_again(100 + join * (LOST_S + 1))
+        assert watchdog.unheard({1, 9}, 101 + join * (LOST_S + 1)) == set()  # all timeouts have started again
+    assert not watchdog.must_join_again(200)  # it does not help
+    assert 9 in unheard_after(watchdog, {1, 9}, 200, 201 + int(UNHEARD_S))
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 300)
+    assert watchdog.must_join_again(301 + LOST_S)  # heard in between
+
+
+def test_a_coordinator_that_is_stopped_or_computes_is_no_reason_to_join_again(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 0)
+    machine.stopped = {9}
+    watchdog.suspend_timeouts({9}, 50)
+    assert not watchdog.must_join_again(50)
+    machine.stopped = set()
+    for now in range(50, 100):
+        machine.cpu[9] = float(now)
+        watchdog.unheard({9}, float(now))
+        assert not watchdog.must_join_again(now)
