@@ -6,9 +6,11 @@ rerun_recording  a sweep as a rerun recording
 map_layers       axes, colours, pictures and counts of a map in a recording
 blueprint        the layout of the views in the viewer
 decorations      frame, ticks, labels and colour scales of a map
+pieces           which samples of a waveform are recorded
+lost_waveforms   what of a waveform did not reach the dashboard
 scope            waveforms of the inspected cells
 status_page      the status of a sweep as Markdown
 history          every test of every cell, as a recording of a finished map
-viewer           the rerun viewer as a process
+viewer           rerun as a process: a viewer, or a server for viewers
 wanted           what the command line asks of the dashboard
 """

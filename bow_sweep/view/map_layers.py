@@ -1,8 +1,7 @@
 """What a recording shows of a map: its axes, the names and colours of its codes, its pictures and its counts.
 
-The caller sets the time before each call. Names and colours of codes (an ``AnnotationContext``) are logged once in the
-life of a recording, before the first picture: a connected viewer that receives one a second time paints all codes in
-colours of its own.
+The caller sets the time before each call. Names and colours of codes (an ``AnnotationContext``) are logged once by a
+dashboard, before its first picture.
 """
 
 from __future__ import annotations
@@ -44,6 +43,9 @@ FOREIGN = 254
 
 FOREIGN_LABEL, FOREIGN_COLOUR = "a regime unknown here", (128, 0, 64)
 
+SEQUENCES = ("sample", "test")
+"""Timelines beside `sweep`, on which numbers count."""
+
 CONTEXT = "AnnotationContext:context"
 """Column of the names and colours of codes in a recording."""
 
@@ -65,7 +67,7 @@ class MapLayers:
     """
 
     def __init__(self, record: rr.RecordingStream, plane: Snapshot) -> None:
-        self._log, self._plane = record.log, plane
+        self._record, self._log, self._plane = record, record.log, plane
         tests = {f"tests/{name}": layer_decorations(plane, name) for name in TEST_LAYERS}
         self.decorations: dict[str, Decorations] = {
             "map": transient_decorations(plane),
@@ -80,7 +82,15 @@ class MapLayers:
             self._draw(f"{place}/axes", decorations)
 
     def _name_codes(self) -> None:
-        """Log names and colours of the codes of every picture."""
+        """Log names and colours of the codes of every picture, at the beginning of every timeline.
+
+        Not as static data: a viewer that receives static ones a second time, from a dashboard that was started again,
+        paints all codes in colours of its own.
+        """
+        self._record.reset_time()
+        self._record.set_time("sweep", duration=0.0)
+        for name in SEQUENCES:
+            self._record.set_time(name, sequence=0)
         masks = [(CLEAR, "", (0, 0, 0, 0)), (NEVER, "never", (*BLACK, 255)), (NOT_COMPUTED, "pending", (*GREY, 255))]
         regimes = [(code, label, (*colour, 255)) for code, label, colour in regime_legend(self._plane.regime_names)]
         kinds = [
@@ -93,7 +103,8 @@ class MapLayers:
             "regime": [*regimes, (FOREIGN, FOREIGN_LABEL, (*FOREIGN_COLOUR, 255))],
             "terrain": [*kinds, (UNKNOWN, "unknown", (*GREY, 255))],
         }.items():
-            self._log(place, rr.AnnotationContext(classes), static=True)
+            self._log(place, rr.AnnotationContext(classes))
+        self._record.reset_time()
 
     def _name_lines(self) -> None:
         """Log names and colours of the lines that are drawn over time."""

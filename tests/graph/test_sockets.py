@@ -26,7 +26,7 @@ ROLES = ("coordinator", "recorder", "classifier", "simulator", "dashboard")
 STUB = """#!{python}
 import socket, sys, time
 from pathlib import Path
-words = dict(zip(sys.argv[1::2], sys.argv[2::2]))
+words = dict(zip(sys.argv, sys.argv[1:]))
 server = socket.create_server((words.get("--bind", "0.0.0.0"), int(words["--port"])))  # as rerun's own
 end = time.monotonic() + 60
 while time.monotonic() < end and not Path({over!r}).exists():
@@ -60,7 +60,7 @@ def seen_in_a_sweep(run: Path, *more: str) -> set[Socket]:
 def test_a_sweep_that_serves_its_dashboard_listens_on_the_loopback_alone(tmp_path: Path) -> None:
     seen = seen_in_a_sweep(tmp_path / "run", "--port", str(free_port()))
     assert_only_loopback(seen)
-    assert any(one.kind == "TCP" and "dashboard" in one.process for one in seen), "it is served"
+    assert any(one.kind == "TCP" and "--serve-grpc" in one.process for one in seen), "it is served"
     for role in ("coordinator", "recorder", "classifier", "simulator"):
         assert any(f"__node:={role}" in one.process for one in seen if one.kind == "UDP"), "all were looked at"
 

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import textwrap
@@ -18,8 +17,11 @@ from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, Snapshot, regime_label
+from bow_sweep.view import rerun_recording
 from bow_sweep.view.map_layers import FOREIGN
 from bow_sweep.view.rerun_recording import RunRecording
+from bow_sweep.view.viewer import Server, connections, uri_of
+from bow_sweep.view.wanted import free_port
 
 
 def snapshot(computed: int | None = None, run: str = RUN) -> Snapshot:
@@ -101,13 +103,38 @@ def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
         assert f"map/inspected/cell_{cell}/frame" in entities(path)
 
 
-def test_a_lost_chunk_is_a_gap_and_not_a_line(path):
+def waveform(path: Path, cell: int) -> dict[int, float]:
+    """The recorded samples of a cell, none of them twice."""
+    found = [
+        (when["sample"], value[0]) for when, value in rows(path, f"waveform/cell_{cell}", "Scalars:scalars") if when
+    ]
+    assert len(dict(found)) == len(found)
+    return dict(found)
+
+
+def test_what_comes_after_a_lost_chunk_waits_for_it(path):
+    shown = recording(path)
+    shown.map(snapshot())
+    sent = {chunk: show_waveform(shown, [3], chunk)[0] for chunk in (1, 3)}
+    shown.flush()
+    assert sorted(waveform(path, 3)) == [*range(695, 2 * 695)]  # no line is drawn across the gap
+    assert shown.missing(4 * 695) == {3: [(0, 695), (2 * 695, 3 * 695)]}
+    sent |= {chunk: show_waveform(shown, [3], chunk)[0] for chunk in (0, 2)}
+    assert shown.missing(4 * 695) == {}
+    shown.draw_rest()
+    shown.finish()
+    whole = waveform(path, 3)
+    np.testing.assert_array_equal([whole[sample] for sample in range(4 * 695)], np.hstack([sent[n] for n in range(4)]))
+
+
+def test_a_chunk_that_stays_lost_is_a_gap_and_not_a_line(path):
     shown = recording(path)
     shown.map(snapshot())
     for chunk in (0, 2):
         show_waveform(shown, [3], chunk)
+    shown.draw_rest()
     shown.finish()
-    values = {when["sample"]: v[0] for when, v in rows(path, "waveform/cell_3", "Scalars:scalars") if when}
+    values = waveform(path, 3)
     assert np.isnan(values[2 * 695 - 1])
     assert len(values) == 2 * 695 + 1
 
@@ -235,12 +262,15 @@ def test_a_damaged_recording_is_kept_and_complained_about(path, damage):
         assert (path.parent / "dashboard-1.rrd").read_bytes() == b"no recording"
 
 
-def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhile(path, tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    shown = recording(path, port=port)
-    assert shown.uri == f"rerun+http://127.0.0.1:{port}/proxy"
+@pytest.fixture
+def server():
+    made = Server(0)
+    yield made
+    made.stop()
+
+
+def test_viewers_that_come_late_get_everything_also_when_the_dashboard_has_ended(path, tmp_path, server):
+    shown = recording(path, uri=server.uri)
     shown.map(snapshot(computed=12))
     shown.map(snapshot())
     shown.status("the end")
@@ -248,24 +278,62 @@ def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhil
     assert verify(path) == ""
     got = tmp_path / "got.rrd"
     viewer = subprocess.Popen(
-        [sys.executable, "-m", "rerun", "--connect", shown.uri, "--save", str(got)],
+        [sys.executable, "-m", "rerun", "--connect", server.uri, "--save", str(got)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,  # the viewer is a child of this process
     )
     try:
-        deadline = 20.0
+        deadline = 60.0
         while deadline > 0 and not (got.exists() and _holds(got, "account")):
             try:
                 viewer.wait(0.5)
             except subprocess.TimeoutExpired:
                 deadline -= 0.5
+        assert len(connections(server.port)) == 1
     finally:
         os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait()
-        shown.close()
     assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
     assert len(rows(got, "map/transient", "DepthImage:buffer")) == 3
+
+
+def test_the_file_is_whole_where_the_viewer_goes_away(path, server):
+    said: list[str] = []
+    shown = recording(path, uri=server.uri, warn=said.append)
+    shown.map(snapshot(computed=12))
+    shown.flush()
+    server.stop()
+    for computed in (16, 20, 24):
+        shown.map(snapshot(computed=computed))
+        shown.flush()
+    shown.map(snapshot())
+    shown.finish()
+    assert said == ["the viewer is gone; dashboard.rrd is written on"]
+    assert verify(path) == ""
+    assert len(rows(path, "map/transient", "DepthImage:buffer")) == 6
+
+
+def test_a_viewer_that_is_stopped_holds_nobody_up(path, server, monkeypatch):
+    monkeypatch.setattr(rerun_recording, "DELIVER_S", 0.5)
+    shown = recording(path, uri=server.uri, warn=lambda _: None)
+    os.kill(server.pid, signal.SIGSTOP)
+    for _ in range(200):
+        shown.map(snapshot())
+    shown.finish()
+    assert verify(path) == ""
+    assert len(rows(path, "map/transient", "DepthImage:buffer")) == 201
+    os.kill(server.pid, signal.SIGCONT)
+
+
+def test_where_no_viewer_is_the_file_is_written_and_that_is_said(path, monkeypatch):
+    monkeypatch.setattr(rerun_recording, "ANSWER_S", 0.1)
+    said: list[str] = []
+    nobody = uri_of(free_port())
+    shown = recording(path, uri=nobody, warn=said.append)
+    shown.map(snapshot())
+    shown.finish()
+    assert said == [f"the map is not shown live: nothing listens at {nobody}"]
     assert verify(path) == ""
 
 
@@ -274,21 +342,6 @@ def _holds(path: Path, entity: str) -> bool:
         return entity in entities(path)
     except Exception:
         return False
-
-
-def test_the_server_listens_on_this_machine_only(path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    shown = recording(path, port=port)
-    try:
-        listening = subprocess.run(["ss", "-tlnH"], capture_output=True, text=True, check=False).stdout
-        if not listening:
-            pytest.skip("needs `ss` of Debian's iproute2")
-        addresses = [line.split()[3] for line in listening.splitlines() if line.split()[3].endswith(f":{port}")]
-        assert addresses == [f"127.0.0.1:{port}"]
-    finally:
-        shown.close()
 
 
 def test_a_directory_that_cannot_be_written_is_an_error(tmp_path):
