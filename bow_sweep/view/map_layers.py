@@ -82,10 +82,11 @@ class MapLayers:
             self._draw(f"{place}/axes", decorations)
 
     def _name_codes(self) -> None:
-        """Log names and colours of the codes of every picture, at the beginning of every timeline.
+        """Log names and colours of the codes of every picture: as static data, and at the start of all timelines.
 
-        Not as static data: a viewer that receives static ones a second time, from a dashboard that was started again,
-        paints all codes in colours of its own.
+        Rerun 0.41 needs both. A viewer that receives static ones a second time, from a dashboard that was started
+        again, does not use them any more; a viewer that opens a file does not use those of a timeline. Where it uses
+        none, it paints all codes in colours of its own.
         """
         self._record.reset_time()
         self._record.set_time("sweep", duration=0.0)
@@ -103,6 +104,7 @@ class MapLayers:
             "regime": [*regimes, (FOREIGN, FOREIGN_LABEL, (*FOREIGN_COLOUR, 255))],
             "terrain": [*kinds, (UNKNOWN, "unknown", (*GREY, 255))],
         }.items():
+            self._log(place, rr.AnnotationContext(classes), static=True)
             self._log(place, rr.AnnotationContext(classes))
         self._record.reset_time()
 
