@@ -62,7 +62,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/bow"]),
         ("share/bow", ["package.xml"]),
-        ("share/bow/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
+        ("share/bow/launch", sorted(map(str, Path("launch").glob("*.launch.*")))),
         *((f"share/bow/{folder}", names) for folder, names in config_files()),
         *shims,
     ],

@@ -67,6 +67,10 @@ class ClassifierNode(BowNode):
         self._classifier.complain(f"ignored: {why}")
         self._report()
 
+    def run_note(self) -> str:
+        """Return how much this classifier has judged."""
+        return f"{self.health.messages} messages taken since the start"
+
     def _on_plan(self, _: dict[str, Any], data: bytes) -> None:
         classifier = self._classifier
         classifier.plan(data)

@@ -262,6 +262,7 @@ class Classifier:
         outline = self.task.outline
         checksums = {FORCE: force["checksum"], SLIP: slip["checksum"]}
         values = {
+            "header.stamp": force["stamp"],
             "run_id": outline.run_id,
             "sweep_id": outline.sweep_id,
             "block": block,

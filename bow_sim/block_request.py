@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.errors import ParameterError
@@ -64,8 +65,8 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
 
 
 def encode_chunk(
-    request: BlockRequest, chunk: int, output: ChunkResult, incarnation: str, inspected: Sequence[int]
-) -> tuple[tuple[bytes, bytes], bytes]:
+    request: BlockRequest, chunk: int, output: ChunkResult, incarnation: str, inspected: Sequence[int], stamp: int = 0
+) -> tuple[tuple[bytes, bytes], tuple[bytes, ...]]:
     """Return the stream messages of a chunk as CDR bytes.
 
     Parameters
@@ -78,23 +79,34 @@ def encode_chunk(
         Of the simulator.
     inspected
         Cells whose bridge force also goes out on `inspect`.
+    stamp
+        Of the messages, nanoseconds since 1970.
 
     Returns
     -------
     messages
         BridgeForce and StickSlip of all cells.
     inspect
-        BridgeForce of the inspected cells; empty if the block has none of them.
+        An InspectedCell for each inspected cell of the block.
     """
     samples = output.bridge_force.shape[1]
     values = {name: request.message[name] for name in ("run_id", "sweep_id", "block", "attempt")}
     cells = np.array(request.message["cells"], dtype=np.uint32)
     values |= {"chunk": chunk, "incarnation": incarnation, "cells": cells, "checksum": 0}
-    values |= {"samples": samples, "first_sample": chunk * samples}
+    values |= {"samples": samples, "first_sample": chunk * samples, "stamp": stamp, "header.stamp": stamp}
     messages = (
         cdr.encode("BridgeForce", values | {"data": output.bridge_force}),
         cdr.encode("StickSlip", values | {name: getattr(output, name) for name in cdr.INTERVAL_FIELDS}),
     )
     rows = np.flatnonzero(np.isin(cells, inspected))
-    shown = {"cells": cells[rows], "data": output.bridge_force[rows]}
-    return messages, cdr.encode("BridgeForce", values | shown) if rows.size else b""
+    shown = tuple(_inspected_cell(request, values, row, output.bridge_force[row]) for row in rows.tolist())
+    return messages, shown
+
+
+def _inspected_cell(request: BlockRequest, values: Mapping[str, Any], row: int, force: NDArray[np.float32]) -> bytes:
+    """Return the InspectedCell of the cell in a row of the block; `values` has the chunk's identity and samples."""
+    spec, parameters = split(request.message["spec.settings"]), request.block.parameters
+    places = [f"{getattr(spec, axis).get('name')} = {request.message[axis][row]:.4g}" for axis in ("x", "y")]
+    periods = (values["first_sample"] + np.arange(values["samples"])) / parameters.period
+    own = {"cell": values["cells"][row], "name": ", ".join(places), "sample_rate": parameters.sample_rate}
+    return cdr.encode("InspectedCell", {**values, **own, "periods": periods, "bridge_force": force})

@@ -9,9 +9,10 @@ from __future__ import annotations
 import contextlib
 import queue
 import threading
+import time
 from collections.abc import Sequence
 
-from bow_msgs.msg import Block, BridgeForce, Health, Receipt, StickSlip
+from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip
 from rclpy.publisher import Publisher
 
 from bow_sim.block_request import encode_chunk
@@ -76,17 +77,22 @@ class SimulatorNode(BowNode):
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
         self._leaving = threading.Event()
+        self._chunks = 0  # published, not counting repetitions
 
         self._publishing = threading.Lock()  # of the publishers of the streams
         self._streams: list[Publisher] = []
         self._create_publishers()
-        self._inspect = self.create_publisher(BridgeForce, "inspect", INSPECT)
+        self._inspect = self.create_publisher(InspectedCell, "inspect", INSPECT)
         self.subscribe_plan(lambda plan, _: self._on_plan(PlanReceived(plan)))
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
         self.create_subscription(Block, "blocks", self._on_block, WORK, raw=True)
         self.every(CHECK_S, self._check_readers)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
         self._worker.start()
+
+    def run_note(self) -> str:
+        """Return how much this simulator has computed."""
+        return f"{self._chunks} chunks computed here since the start"
 
     # ---- what comes in, in the executor's thread
 
@@ -185,16 +191,18 @@ class SimulatorNode(BowNode):
                     self._handle(self._compute(instruction))
                 case Publish(messages, inspect, again=again):
                     self.health.duplicates += again
+                    self._chunks += bool(instruction.of)
                     self._handle(Published(instruction, failed=not self._publish(messages)))
-                    if inspect:
-                        with contextlib.suppress(RCLError):  # only for display, may be lost
-                            self._inspect.publish(inspect)
+                    with contextlib.suppress(RCLError):  # only for display, may be lost
+                        for message in inspect:
+                            self._inspect.publish(message)
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
         request, chunk = instruction.request, instruction.chunk
         try:
             output = request.block.advance()
-            return ChunkComputed(*encode_chunk(request, chunk, output, self.incarnation, self._inspected))
+            stamp = time.time_ns()
+            return ChunkComputed(*encode_chunk(request, chunk, output, self.incarnation, self._inspected, stamp))
         except Exception as error:
             return ChunkFailed(request, repr(error))
 

@@ -52,8 +52,8 @@ class ChunkComputed:
 
     messages: tuple[bytes, ...]
     """BridgeForce and StickSlip."""
-    inspect: bytes = b""
-    """BridgeForce of the inspected cells, if the block has such."""
+    inspect: tuple[bytes, ...] = ()
+    """InspectedCell of each inspected cell of the block."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ class Publish:
     """Publish one message on each of the two streams; answered by Published."""
 
     messages: tuple[bytes, ...]
-    inspect: bytes = b""
+    inspect: tuple[bytes, ...] = ()
     of: BlockRequest | None = None
     """The block, where its next chunk is published for the first time."""
     again: bool = False

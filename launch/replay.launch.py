@@ -20,14 +20,18 @@ from bow_sweep.processes import launch_arguments as read
 PARAMETERS = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "config", "nodes.yaml")
 
 ARGUMENTS = {
-    "run": (None, "run directory, with bag/ in it"),
-    "rate": ("1.0", "speed of the replay; the classifier loses nothing, but lags behind if it is too fast"),
-    "namespace": ("bow/replay", "where the streams, the classifier and the dashboard live"),
-    "view": ("false", "true = open the live viewer"),
-    "params_file": (PARAMETERS, "parameters of the nodes, YAML"),
+    "run": (None, "run directory, with bag/ in it", None),
+    "rate": ("1.0", "speed of the replay; the classifier loses nothing, but lags behind if it is too fast", None),
+    "namespace": ("bow/replay", "where the streams, the classifier and the dashboard live", None),
+    "dashboard": ("true", "false = no dashboard: the verdicts alone", read.SWITCH),
+    "view": ("false", "true = open the live viewer", read.SWITCH),
+    "params_file": (PARAMETERS, "parameters of the nodes, YAML; an argument given here has priority over it", None),
+    "log_level": ("info", "what the nodes log", read.LEVELS),
+    "use_sim_time": ("false", "true = stamps of the logs are those of /clock, which the replay publishes", read.SWITCH),
     "discovery_range": (
         os.environ.get(read.RANGE) or read.DEFAULT_RANGE,
         f"SUBNET = nodes on other machines hear it too; the default is what {read.RANGE} says",
+        None,
     ),
 }
 
@@ -42,11 +46,14 @@ def recorded_namespace(bag: str) -> str:
     """Return the namespace in which a bag was recorded, from its list of topics."""
     try:
         with open(os.path.join(bag, "metadata.yaml"), encoding="utf-8") as file:
-            topics = yaml.safe_load(file)["rosbag2_bagfile_information"]["topics_with_message_count"]
-        names = [topic["topic_metadata"]["name"] for topic in topics]
+            information = yaml.safe_load(file)["rosbag2_bagfile_information"]
+        names = [topic["topic_metadata"]["name"] for topic in information["topics_with_message_count"]]
+        formats = (information.get("custom_data") or {}).get("bow.version")
     except (OSError, KeyError, TypeError, yaml.YAMLError) as error:
         why = " ".join(str(error).split())
         raise RuntimeError(f"{bag} is not a complete rosbag2 directory ({why}); try `bow recover RUN`") from None
+    if not formats or len({name for name in names if name.endswith("/plan")}) > 1:
+        raise RuntimeError(f"{bag} holds messages of a bow before format 3; `bow replay RUN --graph` can play them")
     found = [name[: -len("/bridge_force")] for name in names if name.endswith("/bridge_force")]
     if len(found) != 1:
         raise RuntimeError(f"{bag} should hold one topic bridge_force and holds {len(found)}: was it made by bow?")
@@ -67,12 +74,22 @@ def graph(context: LaunchContext) -> List[LaunchDescriptionEntity]:
     play = ["ros2", "bag", "play", bag, "--rate", read.rate(value["rate"]), "--delay", str(DISCOVERY_S)]
     play += ["--disable-keyboard-controls", "--topics", *(f"{old}/{name}" for name in PLAYED)]
     play += ["--remap", *(f"{old}/{name}:={new}/{name}" for name in PLAYED)]
+    clock = read.switch("use_sim_time", value["use_sim_time"])
+    play += ["--clock"] if clock else []
+    shown = read.is_on("dashboard", value["dashboard"])
+    if dashboard.get("view") and not shown:
+        raise RuntimeError("view:=true needs the dashboard that dashboard:=false leaves out; give one of them")
     common = {"package": "bow", "namespace": new, "output": "screen", "emulate_tty": True}
-    typed = {key: ParameterValue(given, value_type=type(given)) for key, given in dashboard.items()}
+    common["ros_arguments"] = ["--log-level", read.log_level(value["log_level"])]
+
+    def typed(parameters: dict) -> list:
+        given = {key: ParameterValue(one, value_type=type(one)) for key, one in {**parameters, **clock}.items()}
+        return [file, given] if given else [file]
+
     return [
         SetEnvironmentVariable(read.RANGE, discovery_range),
-        Node(executable="classifier", name="classifier", parameters=[file], **common),
-        Node(executable="dashboard", name="dashboard", parameters=[file, typed], **common),
+        Node(executable="classifier", name="classifier", parameters=typed({}), **common),
+        *([Node(executable="dashboard", name="dashboard", parameters=typed(dashboard), **common)] if shown else []),
         ExecuteProcess(cmd=play, output="screen", on_exit=Shutdown(reason="the bag is at its end")),
     ]
 
@@ -80,7 +97,7 @@ def graph(context: LaunchContext) -> List[LaunchDescriptionEntity]:
 def generate_launch_description() -> LaunchDescription:
     """Called by `ros2 launch`."""
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in ARGUMENTS.items()
+        DeclareLaunchArgument(name, default_value=default, description=description, choices=choices and list(choices))
+        for name, (default, description, choices) in ARGUMENTS.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=graph)])

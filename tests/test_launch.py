@@ -9,19 +9,26 @@ from __future__ import annotations
 import contextlib
 import os
 import py_compile
+import runpy
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 import yaml
 from checkout import ROOT, assigned
-from launch_stand_ins import STAND_INS, ExecuteProcess, SetEnvironmentVariable, launched, nodes
+from launch_stand_ins import (
+    DeclareLaunchArgument,
+    ExecuteProcess,
+    SetEnvironmentVariable,
+    launched,
+    nodes,
+    put_in_place,
+)
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
@@ -30,11 +37,7 @@ FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 @pytest.fixture(autouse=True)
 def stand_ins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)  # `runs` is made where `ros2 launch` was typed
-    for name, classes in STAND_INS.items():
-        module = ModuleType(name)
-        for one in classes:
-            setattr(module, one.__name__, one)
-        monkeypatch.setitem(sys.modules, name, module)
+    put_in_place(monkeypatch)
 
 
 # ---- the statements
@@ -147,14 +150,61 @@ def test_an_argument_that_is_not_given_leaves_the_parameter_to_the_file() -> Non
     assert set(graph["coordinator"].given) == set(graph["dashboard"].given) == {"runs_dir"}
 
 
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_what_ros2_launch_shows_of_an_argument_says_what_it_takes(file: str) -> None:
+    """As `ros2 launch --show-args` prints: a description for each, choices where only some words are right."""
+    (*declared, _) = runpy.run_path(str(ROOT / "launch" / file))["generate_launch_description"]().entities
+    arguments: dict[str, DeclareLaunchArgument] = {argument.name: argument for argument in declared}
+    assert {"params_file", "log_level", "dashboard", "use_sim_time", "namespace", "view"} <= set(arguments)
+    assert all(argument.description for argument in arguments.values())
+    assert arguments["log_level"].choices == ["debug", "info", "warn", "error", "fatal"]
+    assert arguments["params_file"].default_value == str(ROOT / "config" / "nodes.yaml")
+    for name in ("dashboard", "view", "use_sim_time"):
+        assert arguments[name].choices == ["true", "false", "True", "False"]
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_level_of_the_logs_and_the_clock_reach_every_node(file: str, run: Path) -> None:
+    given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+    for node in nodes(launched(file, **given)).values():
+        assert node.ros_arguments == ["--log-level", "info"]
+        assert "use_sim_time" not in node.given
+    for node in nodes(launched(file, **given, log_level="debug", use_sim_time="true")).values():
+        assert node.ros_arguments == ["--log-level", "debug"]
+        assert node.given["use_sim_time"] is True
+
+
+@pytest.mark.parametrize("file", [file.name for file in FILES])
+def test_the_dashboard_can_be_left_out(file: str, run: Path) -> None:
+    given: dict[str, object] = {"run": run} if file == "replay.launch.py" else {}
+    with_it, without = (set(nodes(launched(file, **given, dashboard=word))) for word in ("true", "False"))
+    assert with_it - without == {"dashboard"}
+
+
+def test_a_resumed_run_goes_on_where_it_is_and_ends_the_launch(tmp_path: Path) -> None:
+    unfinished = tmp_path / "somewhere" / "mine"
+    unfinished.mkdir(parents=True)
+    (unfinished / "ledger.jsonl").touch()
+    graph = nodes(launched("sweep.launch.py", resume=unfinished))
+    assert graph["coordinator"].given["resume"] == str(unfinished)
+    assert graph["coordinator"].given["once"] is True
+    assert graph["recorder"].given["run_dir"] == graph["dashboard"].given["run_dir"] == str(unfinished)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
         ({"simulators": "0"}, "simulators:=0: a whole number from 1 on"),
         ({"simulators": "many"}, "simulators:=many: a whole number"),
         ({"simulators": "1000"}, "simulators:=1000: a whole number from 1 on, to 100"),
-        ({"view": "maybe"}, "view:=maybe: true or false"),
-        ({"once": "1"}, "once:=1: true or false"),
+        ({"view": "maybe"}, 'Argument "view" provided value "maybe" is not valid'),
+        ({"once": "1"}, 'Argument "once" provided value "1" is not valid'),
+        ({"log_level": "loud"}, r"Valid options are: \['debug', 'info', 'warn', 'error', 'fatal'\]"),
+        ({"dashboard": "no"}, "Valid options are: .'true', 'false', 'True', 'False'"),
+        ({"view": "true", "dashboard": "false"}, "view:=true needs the dashboard that dashboard:=false leaves out"),
+        ({"resume": "/no/such/run"}, "resume:=/no/such/run: is no directory; that of an unfinished run is needed"),
+        ({"resume": "/"}, "resume:=/: has neither ledger.jsonl nor bag/"),
+        ({"resume": "/", "preset": "fig11d"}, "resume:=/: a run has its settings; give no preset"),
         ({"runs_dir": "/proc/x"}, "runs_dir:=/proc/x: cannot be made or written"),
         ({"runs_dir": __file__}, "cannot be made or written: File exists; a directory of yours is needed"),
         ({"params_file": "/no/such"}, "params_file:=/no/such: cannot be read: No such file or directory"),
@@ -174,7 +224,8 @@ def test_a_wrong_argument_is_named_with_what_would_be_right(wrong: Mapping[str, 
         ({"rate": "fast"}, "rate:=fast: a number above 0"),
         ({"rate": "0"}, "rate:=0: a number above 0"),
         ({"rate": "nan"}, "rate:=nan: a number above 0"),
-        ({"view": "maybe"}, "view:=maybe: true or false"),
+        ({"view": "maybe"}, 'Argument "view" provided value "maybe" is not valid'),
+        ({"view": "True", "dashboard": "False"}, "view:=true needs the dashboard"),
         ({"namespace": "a-b"}, "namespace:=a-b: letters"),
         ({"run": "/no/such/run"}, "not a complete rosbag2 directory"),
     ],
@@ -191,9 +242,9 @@ def run(tmp_path: Path) -> Path:
     bag = tmp_path / "a run" / "bag"
     bag.mkdir(parents=True)
     names = ("plan", "bridge_force", "stick_slip", "verdicts", "receipts", "basin_map")
-    topics = [{"topic_metadata": {"name": f"/bow/0123/{name}"}, "message_count": 1} for name in names]
-    information = {"rosbag2_bagfile_information": {"topics_with_message_count": topics}}
-    (bag / "metadata.yaml").write_text(yaml.dump(information))
+    topics = [{"topic_metadata": {"name": f"/bow/{name}"}, "message_count": 1} for name in names]
+    information = {"topics_with_message_count": topics, "custom_data": {"bow.version": "3"}}
+    (bag / "metadata.yaml").write_text(yaml.dump({"rosbag2_bagfile_information": information}))
     return bag.parent
 
 
@@ -201,7 +252,7 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
     entities = launched("replay.launch.py", run=run)
     (play,) = (entity for entity in entities if isinstance(entity, ExecuteProcess))
     assert play.cmd[:4] == ["ros2", "bag", "play", str(run / "bag")]
-    assert "/bow/0123/bridge_force:=/bow/replay/bridge_force" in play.cmd
+    assert "/bow/bridge_force:=/bow/replay/bridge_force" in play.cmd
     assert not [word for word in play.cmd if "verdicts" in word or "receipts" in word]
     assert set(nodes(entities)) == {"classifier", "dashboard"}
     assert {node.namespace for node in nodes(entities).values()} == {"/bow/replay"}
@@ -210,7 +261,11 @@ def test_a_replay_plays_the_recorded_streams_into_a_namespace_of_its_own(run: Pa
 def test_a_replay_of_no_bag_is_told_so_in_one_line(tmp_path: Path, run: Path) -> None:
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory"):
         launched("replay.launch.py", run=tmp_path)
-    (run / "bag" / "metadata.yaml").write_text("a: [\nb: }")
+    metadata = run / "bag" / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("bow.version", "of_others"))
+    with pytest.raises(RuntimeError, match="holds messages of a bow before format 3"):
+        launched("replay.launch.py", run=run)
+    metadata.write_text("a: [\nb: }")
     with pytest.raises(RuntimeError, match="not a complete rosbag2 directory") as error:
         launched("replay.launch.py", run=run)
     assert len(str(error.value).splitlines()) == 1

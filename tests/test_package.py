@@ -23,6 +23,7 @@ IMPORT_OF = {"inotify-simple": "inotify_simple", "pyyaml": "yaml", "rerun-sdk": 
 """Import names that differ from the distribution's."""
 
 ROS_PYTHON = {"rclpy", "bow_msgs", "builtin_interfaces", "std_msgs", "sensor_msgs", "diagnostic_msgs", "rcl_interfaces"}
+ROS_PYTHON |= {"geometry_msgs"}
 ROS_PYTHON |= {"action_msgs", "rosidl_parser", "rosidl_runtime_py", "rpyutils", "unique_identifier_msgs", "launch"}
 
 
@@ -96,7 +97,8 @@ def test_this_environment_is_a_ros_prefix_with_both_packages(monkeypatch: pytest
 
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     share = Path(get_package_share_directory("bow"))
-    assert {path.name for path in (share / "launch").glob("*.py")} == {"sweep.launch.py", "replay.launch.py"}
+    installed, ours = ({path.name for path in (at / "launch").glob("*.launch.*")} for at in (share, ROOT))
+    assert installed == ours
     assert (share / "config" / "presets" / "fig11d.yaml").is_file()
     assert (Path(get_package_share_directory("bow_msgs")) / "msg" / "Plan.msg").is_file()
 

@@ -20,6 +20,7 @@ IMPURE = {
     "bow_sim.graph.node_process": {"rclpy", "bow_msgs"},
     "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
+    "bow_sweep.coordinator.cell_chooser": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
     "bow_sweep.cell.from_bag": {"mcap"},
@@ -42,6 +43,7 @@ IMPURE = {
     "bow_sweep.processes.supervisor_node": {"rclpy", "bow_msgs"},
     "bow_sweep.view.blueprint": {"rerun"},
     "bow_sweep.view.node": {"rclpy", "bow_msgs", "rerun"},
+    "bow_sweep.view.cell_views": {"rerun"},
     "bow_sweep.view.history": {"rerun"},
     "bow_sweep.view.map_layers": {"rerun"},
     "bow_sweep.view.rerun_recording": {"rerun"},
@@ -54,7 +56,9 @@ IMPURE = {
 def loaded() -> dict[str, set[str]]:
     """Which frameworks each module brings into a fresh interpreter."""
     program = (
-        "import importlib, os, sys, numba\n"  # numba is slow to import and brings none of them
+        "import importlib, os, sys\n"
+        "import matplotlib.backends.backend_agg, numba, scipy.ndimage, scipy.optimize, scipy.signal\n"
+        f"assert not set(sys.modules) & {FRAMEWORKS!r}, 'these are slow to import and bring none of them'\n"
         "for name in sys.argv[1:]:\n"
         "    read, write = os.pipe()\n"
         "    if not (child := os.fork()):\n"

@@ -1,8 +1,7 @@
-"""The files of `bow transient`: the waveforms of one cell as arrays, picture and sound, and a summary."""
+"""The files of `bow transient`: the waveforms of one cell as arrays and picture, and a summary."""
 
 from __future__ import annotations
 
-import wave
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -34,15 +33,10 @@ def save_npz(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def save_wav(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
-    """Write the bridge force as 16-bit sound at the simulation's sample rate; the largest sample is full scale."""
-    force = waveforms["bridge_force"] - np.mean(waveforms["bridge_force"])
-    scaled = np.round(32767 * force / max(np.max(np.abs(force)), 1e-300)).astype("<i2")
-    with replacing(path) as file, wave.open(file, "wb") as sound:
-        sound.setnchannels(1)
-        sound.setsampwidth(2)
-        sound.setframerate(round(parameters.sample_rate))
-        sound.writeframes(scaled.tobytes())
+def check_plot(path: Path) -> None:
+    """Raise ValueError if the suffix of a picture is not .png, .svg or .pdf."""
+    if path.suffix not in (".png", ".svg", ".pdf"):
+        raise ValueError(f"--plot {path}: should end in .png, .svg or .pdf")
 
 
 def draw(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
@@ -53,8 +47,7 @@ def draw(path: Path, parameters: Parameters, waveforms: Waveforms) -> None:
     ValueError
         If the suffix is not .png, .svg or .pdf.
     """
-    if path.suffix not in (".png", ".svg", ".pdf"):
-        raise ValueError(f"--plot {path}: should end in .png, .svg or .pdf")
+    check_plot(path)
     from matplotlib.figure import Figure
 
     rows = {

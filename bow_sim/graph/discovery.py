@@ -31,7 +31,7 @@ LOOPBACK_PROFILE, NETWORK_PROFILE = "fastdds.xml", "fastdds_network.xml"
 SHARED_MEMORY = Path("/dev/shm")
 
 SHARED_MEMORY_NEEDED = 256 << 20
-"""Free bytes of shared memory from which on data sharing is used: a simulator reserves 34 MB for its messages, and
+"""Free bytes of shared memory from which on data sharing is used: a simulator reserves 27 MB for its messages, and
 containers often have 64 MB in all. Without data sharing messages are copied, as between machines."""
 
 _HOST = re.compile(r"[0-9A-Za-z]([0-9A-Za-z.-]*[0-9A-Za-z])?")

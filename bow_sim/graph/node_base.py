@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from bow_sim.graph.diagnosis import network_hints
+from bow_sim.graph.run_log import RunLog
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import LIMIT
@@ -94,6 +95,8 @@ class BowNode(Node):
 
     finished = False
     status = 0
+    says_ends = True
+    """Whether the log has the common lines when a run opens and closes; a subclass may have better ones."""
 
     def __init__(
         self, role: str, name: str | None = None, namespace: str = NAMESPACE, context: Context | None = None
@@ -114,6 +117,8 @@ class BowNode(Node):
         self.authority = Authority(self.works_for)
         self._next_health = self._log_at = 0.0
         self._logged = False
+        self._said = ""
+        self._run_log = RunLog(self.says_ends)
         self._health_publisher = self.create_publisher(Health, "health", LATCHED)
         self.create_subscription(Health, "health", self._take_health, LATCHED_DEEP)
         self.every(CHECK_S, self._publish_health_when_due)
@@ -162,8 +167,27 @@ class BowNode(Node):
                 self.ignore(f"plan: {why}")
             else:
                 take(plan, data)
+                self.log_run(plan)
 
         self.create_subscription(Plan, "plan", on_plan, LATCHED_DEEP, raw=True)
+
+    # ---- the log
+
+    def log_ready(self) -> None:
+        """Log that this node is ready, and what it waits for."""
+        self._said = self.health.detail
+        what = self._said or ("works" if self.health.run_id else "waits for a plan")
+        self.get_logger().info(f"ready in {self.get_namespace()}, process {self.health.pid}: {what}")
+
+    def log_run(self, plan: Mapping[str, Any]) -> None:
+        """Log that a run opens, each tenth of it, and that it closes, if it is the one that this node works on."""
+        if plan["run_id"] in (self.health.run_id, self._run_log.run):
+            for line in self._run_log.take(plan, self.run_note):
+                self.get_logger().info(line)
+
+    def run_note(self) -> str:
+        """Return what this node adds to its lines about a run."""
+        return ""
 
     # ---- the heartbeat
 
@@ -199,8 +223,9 @@ class BowNode(Node):
             return
         again, self._logged, self._log_at = self._logged, True, now + LOG_AGAIN_AFTER_S
         if not again:
-            if self.health.state == Health.STARTING and self.health.detail:
-                self.get_logger().info(self.health.detail)
+            if self.health.state == Health.STARTING and self.health.detail not in ("", self._said):
+                self._said = self.health.detail
+                self.get_logger().info(self._said)
         elif not self.neighbours.any_alive(now):
             hints = "; ".join(network_hints(os.environ))
             self.get_logger().warning(f"no other node is heard in {self.get_namespace()}; look at: {hints}")

@@ -106,6 +106,7 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
     try:
         node = make()
         executor.add_node(node)
+        node.log_ready()
         while not (signals or node.finished):
             executor.spin_once(timeout_sec=0.1)
             note.update()

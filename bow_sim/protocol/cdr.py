@@ -2,7 +2,8 @@
 
 ROS 2 carries messages as CDR (OMG DDS-XTypes 1.3, section 7.4, plain XCDR1, little endian): four bytes of
 encapsulation, then every primitive, aligned to its own size counted from there. A sequence is its length as uint32,
-then its elements; the length of a string includes its final zero; a short text is an array of bytes, filled with zeros.
+then its elements; the length of a string includes its final zero; a short text is an array of bytes, filled with zeros;
+a stamp is seconds and nanoseconds, here one number of nanoseconds.
 All messages of ``bow_msgs`` are flat if nested ones are written field by field, so a table of fields describes each,
 see :mod:`bow_sim.protocol.messages`. ``tests/sim/protocol/test_cdr.py`` compares the bytes with rclpy's serialisation.
 
@@ -20,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xxhash
 
-from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, is_sealed
+from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, TIME, UNSTAMPED, is_sealed
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "INTERVAL_FIELDS",
     "SHORT_TEXT",
     "SLACK",
+    "TIME",
     "Buffer",
     "Identity",
     "WireError",
@@ -84,9 +86,9 @@ class _Field(NamedTuple):
 
     name: str
     kind: str
-    """"string", "string[]", "text", "array" or "scalar"."""
+    """"string", "string[]", "text", "time", "array" or "scalar"."""
     form: struct.Struct
-    """Encoding of a scalar, of an item of an array, of the length of a string, or of a short text."""
+    """Encoding of a scalar, of an item of an array, of the length of a string, of a short text, or of a stamp."""
     dtype: np.dtype[Any]
     most: int
     """Maximum number of items of an array."""
@@ -98,6 +100,8 @@ class _Field(NamedTuple):
             return cls(name, declared, _LENGTH, np.dtype("S"), 0)
         if declared == SHORT_TEXT:
             return cls(name, "text", _TEXT, np.dtype("S16"), 0)
+        if declared == TIME:
+            return cls(name, "time", _STAMP, np.dtype("i8"), 0)
         most = int(bound.strip("<=]") or 2**32 - 1)
         form = struct.Struct("<" + _LETTERS[item])
         return cls(name, "array" if bound else "scalar", form, np.dtype(item).newbyteorder("<"), most)
@@ -106,6 +110,7 @@ class _Field(NamedTuple):
 _LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
 _LENGTH = struct.Struct("<I")
 _TEXT = struct.Struct("16s")
+_STAMP = struct.Struct("<iI")
 _LAYOUT = {message: [_Field.of(*field) for field in fields.items()] for message, fields in FIELDS.items()}
 
 
@@ -137,6 +142,8 @@ class _Writer:
             self._string(value)
         elif field.kind == "text":
             self.raw(_short(field.name, value), 1)
+        elif field.kind == "time":
+            self.raw(field.form.pack(*divmod(int(value), 10**9)), 4)
         else:
             self.raw(_LENGTH.pack(len(value)), 4)
             for item in value:
@@ -170,7 +177,8 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
     name
         Key of `FIELDS`.
     values
-        Field -> value; arrays of any shape are written flat, in C order. A checksum in it is not used.
+        Field -> value; arrays of any shape are written flat, in C order. A checksum in it is not used; a stamp and a
+        frame_id may be left out.
 
     Raises
     ------
@@ -184,7 +192,7 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
         if seals and field.name == "checksum":
             writer = tail
         else:
-            writer.field(field, values[field.name])
+            writer.field(field, values[field.name] if field.name in values else UNSTAMPED[field.name])
     if seals:
         digest = xxhash.xxh3_64(seed=_place(int(values["block"]), int(values["chunk"])))
         for part in tail.parts:
@@ -261,6 +269,11 @@ def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any]
                     raise WireError(f"{name}.{field}: {short!r} is not ASCII")
                 values[field] = short.rstrip(b"\0").decode()
                 at += item
+            elif kind == "time":
+                at += -at % 4
+                seconds, nanoseconds = form.unpack_from(body, at)
+                values[field] = seconds * 10**9 + nanoseconds
+                at += item
             else:
                 at += -at % 4
                 (count,) = _LENGTH.unpack_from(body, at)
@@ -301,7 +314,7 @@ def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]
 HELLO_BYTES = 400
 """Longer messages are not hellos, and need not be decoded to know it."""
 
-_EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: ""}
+_EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: "", TIME: 0}
 
 
 def hello(name: str, incarnation: str) -> bytes:
@@ -346,9 +359,11 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
     expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=_place(values["block"], values["chunk"]))
     if values["checksum"] != expected:
         raise WireError(f"{name}: checksum {values['checksum']:016x} does not hold, the bytes give {expected:016x}")
-    cells = len(values["cells"])
+    cells = 1 if name == "InspectedCell" else len(values["cells"])
     lengths: dict[str, int] = {}
-    if name == "BridgeForce":
+    if name == "InspectedCell":
+        lengths = {"bridge_force": len(values["periods"])}
+    elif name == "BridgeForce":
         lengths = {"data": cells * values["samples"]}
     elif name == "StickSlip":
         _check_intervals(values)

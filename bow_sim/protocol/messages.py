@@ -9,8 +9,25 @@ import numpy as np
 
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
+FORMAT = 3
+"""Version of the messages, and so of bags and ledgers. A recorded message that changes needs a new one, and older bags
+are read by :mod:`bow_sweep.record.old_messages`. 3: stamps and headers; topics in a bag do not have the run's name.
+2: complete blocks have receipts."""
+
 SHORT_TEXT = "uint8[16]"
 """A text as an array of bytes: ASCII, 16 characters at most."""
+
+TIME = "builtin_interfaces/Time"
+"""A stamp; here one number, nanoseconds since 1970."""
+
+FRAME = "bow"
+"""The `frame_id` of every header: what is measured belongs to the bowed string, and that has no frame of its own."""
+
+HEADER = {"header.stamp": TIME, "header.frame_id": "string"}
+"""The fields of ``std_msgs/Header header``."""
+
+UNSTAMPED: dict[str, int | str] = {"stamp": 0, "header.stamp": 0, "header.frame_id": FRAME}
+"""What is written where a message is given no stamp: to ROS, a time that is not known."""
 
 _IDENTITY = {
     "run_id": "string",
@@ -24,6 +41,7 @@ _IDENTITY = {
 
 FIELDS: dict[str, dict[str, str]] = {
     "BridgeForce": {
+        "stamp": TIME,
         **{field: kind.replace("string", SHORT_TEXT) for field, kind in _IDENTITY.items()},
         "cells": "uint32[<=1024]",
         "first_sample": "uint32",
@@ -31,6 +49,7 @@ FIELDS: dict[str, dict[str, str]] = {
         "data": "float32[<=400000]",
     },
     "StickSlip": {
+        **HEADER,
         **_IDENTITY,
         "cells": "uint32[]",
         "first_sample": "uint32",
@@ -41,7 +60,18 @@ FIELDS: dict[str, dict[str, str]] = {
         "duration": "uint32[]",
         "slip": "float64[]",
     },
+    "InspectedCell": {
+        **HEADER,
+        **_IDENTITY,
+        "cell": "uint32",
+        "name": "string",
+        "first_sample": "uint32",
+        "sample_rate": "float64",
+        "periods": "float32[]",
+        "bridge_force": "float32[]",
+    },
     "Verdicts": {
+        **HEADER,
         **_IDENTITY,
         "chunk_checksum": "uint64",
         "classifier": "string",

@@ -9,5 +9,7 @@ computed      cells computed again, and whether they are the recorded ones
 analysis      the steady motion of a waveform: pitch, spectrum, harmonics
 motion        what happens under the bow: surface velocity and friction
 sound         a bridge force as sound at 48 kHz
+portrait      everything that is shown of one cell
+picture       one cell as a picture in a file
 body          a violin's body as a filter
 """

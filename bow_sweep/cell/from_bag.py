@@ -13,11 +13,12 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.record.bag import BagError, bag_files
-from bow_sweep.record.bag_contents import Place, Survey
+from bow_sweep.record.bag_contents import Place, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC, MESSAGE_FIXED, MESSAGE_HEAD
+from bow_sweep.record.old_messages import complete
 
 MOST_BYTES = 1 << 28
 """Largest message that is read: the head of a damaged one may state any size."""
@@ -51,6 +52,8 @@ class BagCells:
     ----------
     directory
         Of the bag.
+    progress
+        Called with (done, total) bytes of the bag's files.
 
     Attributes
     ----------
@@ -65,10 +68,10 @@ class BagCells:
         Where the bag cannot be read, or holds no plan.
     """
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, progress: Progress | None = None) -> None:
         self._survey = _CellSurvey(directory)
         try:
-            self._survey.read()
+            self._survey.read(progress)
         except OSError as error:
             raise CellError(f"{directory}: cannot be read: {error.strerror}") from None
         if self._survey.expected is None:
@@ -149,7 +152,7 @@ class BagCells:
             raise DamagedCell(f"cell {cell}: block {block}, chunk {chunk} of the bag is damaged: {error}") from None
         return np.array(values["data"][row * samples : (row + 1) * samples], np.float32)
 
-    def _read(self, place: Place) -> bytes:
+    def _read(self, place: Place) -> cdr.Buffer:
         """Return a whole message; the survey of the index knows its place only.
 
         Raises
@@ -169,7 +172,7 @@ class BagCells:
         data = os.pread(descriptor, length, place.offset) if place.length <= length <= MOST_BYTES else b""
         if len(data) != length:
             raise BagError(f"{place.file.name} has no whole message at byte {place.offset}")
-        return data
+        return complete(data, place.lacking)
 
     def basin(self) -> Basin:
         """Return all recorded verdicts."""

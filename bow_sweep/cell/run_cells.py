@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +15,15 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import FIELDS
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.cell_record import CellRecord, CellTests
-from bow_sweep.cell.parameters import parameters_of
+from bow_sweep.cell.parameters import parameters_of, place
 from bow_sweep.cell.waveform import CellError, Waveform
 from bow_sweep.maps.map_file import MAP, MapFile, MapFileError, read_map_npz
 from bow_sweep.plan.sweep import Sweep
 
 if TYPE_CHECKING:
     from bow_sweep.cell.from_bag import BagCells
+
+Progress = Callable[[float, float], None]
 
 SOURCES = ("auto", "bag", "computed")
 """Where a waveform may come from; "auto" is the bag, and where that does not have the cell, the kernel."""
@@ -32,9 +34,6 @@ KEPT = 64
 BAG = "bag"
 """Name of the bag's folder in a run directory."""
 
-SLACK = 1e-6
-"""Part of a cell by which a value may lie outside the plane."""
-
 
 class RunCells:
     """The cells of a run. Bag and map stay open, and what was read of them is kept: a second cell takes milliseconds.
@@ -44,6 +43,9 @@ class RunCells:
     run_directory
         Of the run: with ``map.npz``, ``bag/`` or both. Without a bag all cells are computed again; without a map the
         recorded verdicts make one.
+    progress
+        Called with (done, total) while the index of the bag is read; that takes long only for a bag that was not
+        closed, of which everything is read.
 
     Raises
     ------
@@ -51,9 +53,9 @@ class RunCells:
         Where there is neither, or one of them cannot be read, or they are of different runs.
     """
 
-    def __init__(self, run_directory: str | Path) -> None:
+    def __init__(self, run_directory: str | Path, progress: Progress | None = None) -> None:
         self.directory = Path(run_directory)
-        self.bag = _open_bag(self.directory)
+        self.bag = _open_bag(self.directory, progress)
         self.map = self._map()
         self._kept: OrderedDict[tuple[int, str], CellRecord] = OrderedDict()
         self._sweep: Sweep | None = None
@@ -136,7 +138,7 @@ class RunCells:
                 index.append(0)
                 continue
             value = float(values[axis.name])
-            index.append(_place(axis.name, value, axis.values, axis.scale))
+            index.append(place(axis.name, value, axis.values, axis.scale))
         return index[1] * axes[0].count + index[0]
 
     def _why_no_axis(self, name: str) -> str:
@@ -310,13 +312,13 @@ class RunCells:
         )
 
 
-def _open_bag(directory: Path) -> BagCells | None:
+def _open_bag(directory: Path, progress: Progress | None) -> BagCells | None:
     """Return the bag of a run; None where there is none."""
     from bow_sweep.cell.from_bag import BagCells, has_bag
 
     for folder in (directory / BAG, directory):
         if has_bag(folder):
-            return BagCells(folder)
+            return BagCells(folder, progress)
     return None
 
 
@@ -325,26 +327,6 @@ def _sweep(settings: tuple[str, ...], directory: Path) -> Sweep:
         return Sweep.from_spec("", settings)
     except ParameterError as error:
         raise CellError(f"{directory}: its settings cannot be simulated by this version of bow: {error}") from None
-
-
-def _place(name: str, value: float, values: np.ndarray, scale: str) -> int:
-    """Return the index of the value of an axis that is nearest to one, in the scale of the axis.
-
-    Raises
-    ------
-    CellError
-        Where it lies more than half a step beyond the ends.
-    """
-    grid = np.log(values) if scale == "log" else np.asarray(values, float)
-    at = np.log(value) if scale == "log" and value > 0 else (value if scale != "log" else -np.inf)
-    distance = np.abs(grid - at)
-    index = int(np.argmin(distance)) if np.isfinite(at) else (0 if values[0] < values[-1] else len(values) - 1)
-    step = abs(grid[-1] - grid[0]) / (len(grid) - 1) if len(grid) > 1 else 2e-3 * max(1.0, abs(grid[0]))
-    if not distance[index] <= (0.5 + SLACK) * step:
-        low, high = sorted((float(values[0]), float(values[-1])))
-        has = f"has {name} {low:g} only" if low == high else f"reaches from {low:g} to {high:g}"
-        raise CellError(f"{name} = {value:g}: the map {has}; the nearest is {float(values[index]):g}")
-    return index
 
 
 def _and(names: list[str]) -> str:

@@ -6,6 +6,7 @@ The outgoing wave at the bridge is what drives a violin's body, so it is what is
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -30,7 +31,7 @@ FADE_IN, FADE_OUT = 0.005, 0.030
 LOWEST = 20.0
 """Hz: what is slower is no sound. The mean of the bridge force is removed with it."""
 
-MOST_SECONDS = 600.0
+MOST_SECONDS = 60.0
 
 _ZEROS, _BETA, _CUTOFF = 48, 10.0, 0.92
 """The filter of the resampler: zero crossings on each side, Kaiser window (about -100 dB), corner relative to the lower
@@ -276,8 +277,18 @@ def check_wav(path: Path) -> None:
         raise SoundError(f"{path}: cannot write sound {what}; should end in .wav")
 
 
+def wav_bytes(samples: NDArray[np.floating]) -> bytes:
+    """Return a sound as the bytes of a WAV file, 16 bit, one channel, `RATE`."""
+    from scipy.io import wavfile
+
+    scaled = np.round(32767 * np.clip(np.asarray(samples, float), -1, 1)).astype(np.int16)
+    file = io.BytesIO()
+    wavfile.write(file, RATE, scaled)
+    return file.getvalue()
+
+
 def save_wav(path: Path, samples: NDArray[np.floating]) -> None:
-    """Write a sound as a WAV file, 16 bit, one channel, `RATE`; readers see the old file or the complete new one.
+    """Write a sound as a WAV file; readers see the old file or the complete new one.
 
     Raises
     ------
@@ -286,9 +297,6 @@ def save_wav(path: Path, samples: NDArray[np.floating]) -> None:
     OSError
         If the file cannot be written.
     """
-    from scipy.io import wavfile
-
     check_wav(path)
-    scaled = np.round(32767 * np.clip(np.asarray(samples, float), -1, 1)).astype(np.int16)
     with replacing(path) as file:
-        wavfile.write(file, RATE, scaled)
+        file.write(wav_bytes(samples))

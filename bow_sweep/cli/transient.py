@@ -9,6 +9,7 @@ from typing import Any
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import embed_files
+from bow_sweep.cli.inspect import BODY_HELP, SOUND_HELP, check_sound
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import DONE
@@ -33,7 +34,9 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument("--npz", metavar="F", type=Path, help="write the waveforms as a NumPy archive")
     parser.add_argument("--plot", metavar="F", type=Path, help="draw them (.png, .svg or .pdf)")
-    parser.add_argument("--wav", metavar="F", type=Path, help="the bridge force as sound, 16 bit")
+    parser.add_argument("--wav", metavar="F", type=Path, help="write the bridge force as sound, 48 kHz, 16 bit")
+    parser.add_argument("--seconds", metavar="S", type=float, help=SOUND_HELP)
+    parser.add_argument("--body", action="store_true", help=BODY_HELP)
     parser.set_defaults(run=_transient)
 
 
@@ -44,21 +47,29 @@ def _field_help(name: str) -> str:
 
 
 def _transient(args: argparse.Namespace) -> int:
-    from bow_sim.figures.transient import describe, draw, save_npz, save_wav
+    from bow_sim.figures.transient import check_plot, describe, draw, save_npz
+    from bow_sweep.cell.sound import save_wav, sound_of
 
     short = [f"{name}={getattr(args, name)}" for name in _SHORT if getattr(args, name) is not None]
     try:
         parameters = Parameters.from_settings(embed_files(short + args.settings))
-    except ParameterError as error:
+        check_sound(args)
+        if args.plot is not None:
+            check_plot(args.plot)
+    except (ParameterError, ValueError) as error:
         return fail(str(error))
     from bow_sim.kernel.block import transient
 
     waveforms = transient(parameters)
     try:
-        for write, path in ((save_npz, args.npz), (draw, args.plot), (save_wav, args.wav)):
+        for write, path in ((save_npz, args.npz), (draw, args.plot)):
             if path is not None:
                 write(path, parameters, waveforms)
                 print(f"wrote {path}")
+        if args.wav is not None:
+            made = sound_of(waveforms["bridge_force"], parameters, args.seconds, args.body)
+            save_wav(args.wav, made.samples)
+            print(f"wrote {args.wav}: {made.describe()}")
     except (OSError, ValueError) as error:
         return fail(str(error))
     print(describe(parameters, waveforms))

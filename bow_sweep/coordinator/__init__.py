@@ -7,6 +7,10 @@ simulator_pool     which simulators are ready, and which blocks each of them hol
 consumers          the one recorder and the one classifier of a run
 closing            when a closing run can be finished
 messages           plan, block, map, progress and result of a run
+goals              goals that wait for recorder and classifier
+choice             a cell that is chosen while a sweep runs: which one, and its waveform
+cell_chooser       its service and topics
+diagnostics        the state of the graph as diagnostics
 standard_messages  map and health for standard ROS tools
 results            the files of a finished run beside its bag
 resume             resuming a run: ledger and bag are compared and repaired

@@ -18,7 +18,10 @@ from bow_sim.graph.node_process import run_node
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.identity import random_id
-from bow_sim.protocol.neighbours import Neighbour
+from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
+from bow_sweep.coordinator import diagnostics
+from bow_sweep.coordinator.cell_chooser import CellChooser
+from bow_sweep.coordinator.goals import GOAL_WAIT_S, GoalGate, Hold, is_wrong
 from bow_sweep.coordinator.results import playability_of, prepare, write_results
 from bow_sweep.coordinator.resume import resume
 from bow_sweep.coordinator.session import TICK_S, CoordinatorSession
@@ -27,6 +30,7 @@ from bow_sweep.coordinator.session_events import (
     CancelRequested,
     Event,
     GoalAccepted,
+    GoalRefused,
     HealthReceived,
     Instruction,
     Log,
@@ -42,7 +46,7 @@ from bow_sweep.coordinator.session_events import (
     VerdictsReceived,
     WriteResults,
 )
-from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message
+from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message, regimes_message
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import Run, RunError
 
@@ -53,7 +57,13 @@ usage: ros2 run bow coordinator [--ros-args -r __ns:=/bow/RUN -p preset:=fig11d 
 Runs sweeps. With `preset` or `settings` it begins one at once; otherwise it waits for a goal:
   ros2 action send_goal -f /bow/run_sweep bow_msgs/action/RunSweep "{spec: {preset: fig11d, settings: ['x.count=16']}}"
 It sends out blocks as soon as a recorder, a classifier and at least one simulator are in its namespace (default /bow)
-and report that they hear each other, and leaves each run in <runs_dir>/<run_id>.
+and report that they hear each other, and leaves each run in <runs_dir>/<run_id>. A goal that cannot be run ends as
+aborted, with the reason in its result.
+
+While a sweep runs, any cell can be inspected: its waveform goes out on `inspect`, and the dashboard shows it.
+  ros2 service call /bow/inspect_cell bow_msgs/srv/InspectCell "{at: ['f_asym=3.1', 'f_init_ratio=0.67']}"
+or a click on the map in RViz (display PointCloud2 of /bow/basin_map/points, fixed frame basin_map, tool Publish Point)
+or Foxglove. The state of all nodes is on /diagnostics, once a second.
 """
 
 DIAGNOSTICS_S = 1.0
@@ -61,6 +71,8 @@ DIAGNOSTICS_S = 1.0
 
 class CoordinatorNode(BowNode):
     """Serves `run_sweep`; what it does is decided in :class:`CoordinatorSession`."""
+
+    says_ends = False
 
     def __init__(self) -> None:
         super().__init__("coordinator")
@@ -79,9 +91,14 @@ class CoordinatorNode(BowNode):
         self._locks = self.read_parameter(
             "lock", True, "lock run directories; false: not, for file systems without locks"
         )
+        patience = self.read_parameter(
+            "goal_wait", GOAL_WAIT_S, "seconds that a goal waits for a recorder and a classifier before it is refused"
+        )
+        self._gate = GoalGate(patience)
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
         self._goals: dict[bytes, Any] = {}
         self._results: dict[bytes, RunSweep.Result] = {}
+        self._cancelled: list[bytes] = []
         self._session = CoordinatorSession(
             self.incarnation,
             self.health.host,
@@ -98,7 +115,9 @@ class CoordinatorNode(BowNode):
         }
         self._map = self.create_publisher(BasinMap, "basin_map", LATCHED)
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._chooser = CellChooser(self, lambda: self._session.run)
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
         self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
         self._server = ActionServer(
@@ -110,20 +129,23 @@ class CoordinatorNode(BowNode):
             cancel_callback=self._on_cancel,
             result_timeout=60,
         )
-        self.every(TICK_S, lambda: self._handle(TimePassed()))
+        self.every(TICK_S, self._tick)
         self.every(DIAGNOSTICS_S, self._publish_diagnostics)
         try:
             if text["resume"]:
-                run, layers = resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks)
-                self._handle(RunGiven(run, layers))
+                given = RunGiven(*resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 sweep = Sweep.from_spec(text["preset"], [setting for setting in settings if setting])
-                self._handle(RunGiven(self._create_run(sweep)))
+                given = RunGiven(self._create_run(sweep))
             else:
-                self.set_state(Health.READY, "waits for a goal on run_sweep")
+                given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # now, while the other nodes start
+        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        if given is None:
+            self.set_state(Health.READY, "waits for a goal on run_sweep")
+        else:
+            self._handle(given)
 
     def _create_run(self, sweep: Sweep) -> Run:
         """Create the directory of a run; `run_id` and `run_dir` count for the first one only."""
@@ -133,6 +155,7 @@ class CoordinatorNode(BowNode):
 
     def close(self) -> None:
         """Release the run directory."""
+        self._chooser.close()
         self._session.close()
 
     # ---- events
@@ -150,11 +173,36 @@ class CoordinatorNode(BowNode):
     def _on_accepted(self, goal: Any) -> None:
         key = bytes(goal.goal_id.uuid)
         self._goals[key] = goal
-        self._handle(GoalAccepted(key, goal.request.spec.preset, tuple(goal.request.spec.settings)))
+        event = GoalAccepted(key, goal.request.spec.preset, tuple(goal.request.spec.settings))
+        refused = self._session.run is not None or is_wrong(event)  # the session says why
+        self._goal_goes_on(event if refused else self._gate.take(event, *self._who_is_missing()))
+
+    def _goal_goes_on(self, what: GoalAccepted | GoalRefused | Hold | None) -> None:
+        """Do with a goal what the gate says."""
+        match what:
+            case Hold(why):
+                self.get_logger().info(why)
+                self.set_state(self.health.state, why)
+            case GoalAccepted() | GoalRefused():
+                self._handle(what)
+
+    def _who_is_missing(self) -> tuple[float, list[str]]:
+        """Return the time, and which nodes a new sweep lacks."""
+        now = self.awake.now()
+        return now, [f"no {role} is heard" for role in CONSUMERS if not self.neighbours.of_role(role, now)]
 
     def _on_cancel(self, goal: Any) -> CancelResponse:
-        self._handle(CancelRequested(bytes(goal.goal_id.uuid)))
+        # The goal's answer has to wait until the action server has noted that it is being cancelled.
+        self._cancelled.append(bytes(goal.goal_id.uuid))
         return CancelResponse.ACCEPT
+
+    def _tick(self) -> None:
+        while self._cancelled:
+            key = self._cancelled.pop()
+            self._goal_goes_on(self._gate.cancel(key))
+            self._handle(CancelRequested(key))
+        self._goal_goes_on(self._gate.look(*self._who_is_missing()))
+        self._handle(TimePassed())
 
     def _handle(self, event: Event) -> None:
         """Pass an event to the session and carry out what it answers."""
@@ -174,9 +222,13 @@ class CoordinatorNode(BowNode):
         match instruction:
             case Publish(topic, data):
                 self._publish(topic, data)
+                if topic == "plan":
+                    self.log_run(cdr.decode("Plan", data))
             case PublishMap(values):
                 self._map.publish(cdr.encode("BasinMap", values))
                 self._image.publish(image_message(values, self.wall_time()))
+                self._regimes.publish(regimes_message(values, self.wall_time()))
+                self._chooser.take_map(values)
             case PublishFeedback(goal, values):
                 self._goals[goal].publish_feedback(RunSweep.Feedback(**values))
             case AnswerGoal(goal, values):
@@ -218,8 +270,18 @@ class CoordinatorNode(BowNode):
         return result
 
     def _publish_diagnostics(self) -> None:
-        nodes = [*self._session.nodes.values(), self.health]
-        self._diagnostics.publish(diagnostics_message(nodes, self.wall_time()))
+        now, run, node, host = self.awake.now(), self._session.run, self.health.node, self.health.host
+        items = [
+            diagnostics.health_of(self.health, True),
+            *diagnostics.nodes_health(
+                self._session.nodes.values(), lambda incarnation: self.neighbours.is_alive(incarnation, now)
+            ),
+            diagnostics.sweep_of(node, host, self.health.run_id, run.accounts() if run else None),
+            diagnostics.last_word(node, host, "goal", self._session.refused, "no goal was refused lately"),
+            diagnostics.last_word(node, host, "inspection", self._chooser.problem, self._chooser.latest),
+        ]
+        self._diagnostics.publish(diagnostics_message(items, self.wall_time()))
+        self._chooser.publish_points()
 
 
 def main() -> int:

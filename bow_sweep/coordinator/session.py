@@ -31,6 +31,7 @@ from bow_sweep.coordinator.session_events import (
     CancelRequested,
     Event,
     GoalAccepted,
+    GoalRefused,
     HealthReceived,
     Instruction,
     Log,
@@ -87,6 +88,8 @@ class CoordinatorSession:
     ----------
     nodes
         Node name -> its latest Health.
+    refused
+        Why the latest goal was refused; "" if it was not.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class CoordinatorSession:
         self._incarnation, self._namespace, self._neighbours = incarnation, namespace, neighbours
         self._create_run, self._wall_clock, self._shown = create_run, wall_clock, shown
         self.nodes: dict[str, Any] = {}
+        self.refused = ""
         self._pool = Pool(self._apply, host, lambda text: self._log("warning", text))
         self._consumers = Consumers(neighbours, lambda text: self._log("error", text))
         self._active: ActiveRun | None = None
@@ -130,6 +134,8 @@ class CoordinatorSession:
                 self._begin(run, layers)
             case GoalAccepted():
                 self._take_goal(event)
+            case GoalRefused(goal, why):
+                self._refuse(goal, why)
             case CancelRequested(goal):
                 if self._active is not None and self._active.goal == goal:
                     self._active.cancelled = True
@@ -164,11 +170,16 @@ class CoordinatorSession:
                 raise RunError(f"run {self._active.run.run_id} is not finished; one sweep at a time")
             run = self._create_run(Sweep.from_spec(event.preset, event.settings))
         except (ParameterError, RunError) as error:
-            self._log("error", f"goal refused: {error}")
-            self._set_state(self._state, f"goal refused: {error}")
-            self._out.append(AnswerGoal(event.goal, {"message": str(error)}))
+            self._refuse(event.goal, str(error))
             return
+        self.refused = ""
         self._begin(run, None, event.goal)
+
+    def _refuse(self, goal: bytes, why: str) -> None:
+        self.refused = why
+        self._log("error", f"goal refused: {why}")
+        self._set_state(self._state, f"goal refused: {why}")
+        self._out.append(AnswerGoal(goal, {"message": why}))
 
     def _begin(self, run: Run, layers: Mapping[str, np.ndarray] | None, goal: bytes | None = None) -> None:
         active = self._active = ActiveRun(run, basin_of(layers or {}, run.sweep), self._wall_clock(), goal)
@@ -179,7 +190,7 @@ class CoordinatorSession:
         else:
             self._publish_plan(active)
         what = f"{run.sweep.cells} cells, {run.blocks.count} blocks, in {run.directory}"
-        self._log("info", f"run {run.run_id}: {what}")
+        self._log("info", f"run {run.run_id} opens: {what}")
 
     def _next_round_or_close(self, active: ActiveRun) -> None:
         """Begin the next round of an adaptive sweep, announced before its blocks are sent; else close the run."""
@@ -224,7 +235,7 @@ class CoordinatorSession:
         result = active.write_report(now, results.playability)
         if active.goal is not None:
             self._out.append(AnswerGoal(active.goal, result))
-        self._log("info", f"run {run_id}: {result['message']} in {now - active.began:.1f} s")
+        self._log("info", f"run {run_id} closes: {result['message']} in {now - active.began:.1f} s")
         active.run.close()
         self._active = None
         self._set_state(NodeState.READY, f"finished run {run_id}: {result['message']}", "")

@@ -33,6 +33,14 @@ class GoalAccepted:
 
 
 @dataclass(frozen=True)
+class GoalRefused:
+    """A goal that the action server has accepted cannot be run; `why` becomes the message of its result."""
+
+    goal: bytes
+    why: str
+
+
+@dataclass(frozen=True)
 class CancelRequested:
     """A client asks to cancel a goal."""
 
@@ -85,6 +93,7 @@ class TimePassed:
 Event = (
     RunGiven
     | GoalAccepted
+    | GoalRefused
     | CancelRequested
     | HealthReceived
     | ReceiptReceived

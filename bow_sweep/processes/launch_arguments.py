@@ -18,6 +18,12 @@ RANGES = ("LOCALHOST", "SUBNET", "SYSTEM_DEFAULT")
 
 DEFAULT_RANGE = "LOCALHOST"
 
+SWITCH = ("true", "false", "True", "False")
+"""What an argument takes that switches something; people write Python's words too."""
+
+LEVELS = ("debug", "info", "warn", "error", "fatal")
+"""Levels of the nodes' logs, from all lines to nearly none."""
+
 
 def discovery_range(text: str) -> str:
     """Return the value for `RANGE`."""
@@ -56,6 +62,28 @@ def writable_directory(name: str, text: str) -> str:
         why = f"cannot be made or written: {error.strerror}"
         raise RuntimeError(f"{name}:={text}: {why}; a directory of yours is needed") from None
     return path
+
+
+def run_directory(name: str, text: str) -> str:
+    """Return the absolute path of a run that can be resumed."""
+    path = _absolute(text)
+    if not os.path.isdir(path):  # noqa: PTH112  # as above
+        raise RuntimeError(f"{name}:={text}: is no directory; that of an unfinished run is needed")
+    if not any(os.path.exists(os.path.join(path, part)) for part in ("ledger.jsonl", "bag")):  # noqa: PTH110, PTH118
+        raise RuntimeError(f"{name}:={text}: has neither ledger.jsonl nor bag/; the directory of a run is needed")
+    return path
+
+
+def log_level(text: str) -> str:
+    """Return the level of the nodes' logs."""
+    if text.lower() not in LEVELS:
+        raise RuntimeError(f"log_level:={text}: one of {', '.join(LEVELS)} is needed")
+    return text.lower()
+
+
+def is_on(name: str, text: str) -> bool:
+    """Return whether a switch is on."""
+    return bool(switch(name, text))
 
 
 def _absolute(text: str) -> str:

@@ -7,6 +7,7 @@ mcap_writer     one MCAP file, written a chunk at a time
 schema          interface definitions as a bag wants them
 metadata        metadata.yaml, as rosbag2 writes it
 notes           version of the record, and missing messages
+old_messages    messages of older bags as those of today
 bag             a bag: a directory of MCAP files
 disk            syncs committed data to disk in a thread
 aside           where damaged parts of a bag are kept

@@ -16,8 +16,9 @@ from mcap.records import Metadata
 from bow_sim.atomic_files import replacing, sync_directory
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
-from bow_sweep.record.mcap_writer import McapWriter
-from bow_sweep.record.metadata import FileInfo, MetadataError, definitions, others_part, parse, render
+from bow_sweep.record.mcap_writer import Contents, McapWriter
+from bow_sweep.record.metadata import FileInfo, MetadataError, definitions, others_part, parse, render, with_custom_data
+from bow_sweep.record.old_messages import complete, lacks
 from bow_sweep.record.topics import Topic, short_name
 
 METADATA = "metadata.yaml"
@@ -30,7 +31,10 @@ class BagError(ValueError):
 
 
 class BagMessage(NamedTuple):
-    """A message of a bag; `data` is a view of CDR bytes, `topic` a key of `TOPICS` or ""."""
+    """A message of a bag; `data` is a view of CDR bytes, `topic` a key of `TOPICS` or "".
+
+    In a bag of an older version `data` has what such messages lack, `lacking`, at its start.
+    """
 
     topic: str
     file: Path
@@ -38,6 +42,17 @@ class BagMessage(NamedTuple):
     log_time: int
     data: memoryview
     offset: int
+    type: str = ""
+    """Name of its type, without the package."""
+    lacking: bytes = b""
+    """See :mod:`bow_sweep.record.old_messages`."""
+    unread: int = 0
+    """Number of bytes at the end of the message that are not in `data`."""
+
+    @property
+    def length(self) -> int:
+        """Number of bytes in the file."""
+        return len(self.data) - len(self.lacking) + self.unread
 
 
 def bag_of(run_directory: Path) -> Path:
@@ -80,9 +95,22 @@ def kept_metadata(directory: Path) -> dict[str, Any]:
         return {}
 
 
-def label(channel_topic: str, message: Message, path: Path) -> BagMessage:
-    """Return a message of a file with its topic and file."""
-    return BagMessage(short_name(channel_topic), path, message.sequence, message.log_time, message.data, message.offset)
+def label(contents: Contents, message: Message, path: Path) -> BagMessage:
+    """Return a message of a file, whose contents have its channel and schema, with its topic, type and file."""
+    channel = contents.channels[message.channel]
+    schema = contents.schemas.get(channel.schema_id)
+    lacking = lacks(schema)
+    return BagMessage(
+        short_name(channel.topic),
+        path,
+        message.sequence,
+        message.log_time,
+        memoryview(complete(message.data, lacking)),
+        message.offset,
+        schema.name.rpartition("/")[2] if schema else "",
+        lacking,
+        message.unread,
+    )
 
 
 def messages(directory: Path) -> Iterator[BagMessage]:
@@ -96,7 +124,7 @@ def messages(directory: Path) -> Iterator[BagMessage]:
     for path in bag_files(directory):
         scan = Scan(path)
         for message in scan.messages():
-            yield label(scan.contents.channels[message.channel].topic, message, path)
+            yield label(scan.contents, message, path)
         if scan.damage:
             where = scan.damage[0]
             raise BagError(f"{path}, bytes {where.start} to {where.end}: {where.what}")
@@ -119,6 +147,8 @@ class BagWriter:
         Number of the last message in them; 0 for none.
     notes
         Metadata records for its beginning.
+    identity
+        Of the run, for `custom_data` of metadata.yaml.
     """
 
     def __init__(
@@ -128,10 +158,11 @@ class BagWriter:
         before: Sequence[FileInfo] = (),
         sequence: int = 0,
         notes: Sequence[Metadata] = (),
+        identity: Mapping[str, str] | None = None,
     ) -> None:
         directory.mkdir(parents=True, exist_ok=True)
         self.directory = directory
-        self._others = kept_metadata(directory)
+        self._others = with_custom_data(kept_metadata(directory), identity or {})
         self._before = list(before)
         self._sequence = sequence
         self._time = max((file.end for file in before), default=0)

@@ -22,7 +22,8 @@ from bow_sweep.record.bag import METADATA, BagError, BagMessage, bag_files, labe
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.metadata import FileInfo, MetadataError, differences, parse
-from bow_sweep.record.notes import Range, noted_in, outside, version_in
+from bow_sweep.record.notes import Range, noted_in, outside, too_new, version_in
+from bow_sweep.record.old_messages import OLD_TYPES, complete
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, short_name
 
 Progress = Callable[[float, float], None]
@@ -42,6 +43,8 @@ class Place(NamedTuple):
     offset: int
     length: int
     checksum: int
+    lacking: bytes = b""
+    """What the message lacks at its start, in a bag of an older version; see :mod:`bow_sweep.record.old_messages`."""
 
 
 class Verdict(NamedTuple):
@@ -107,7 +110,7 @@ class Survey:
     gaps, noted
         Messages that are missing between others, and those that a file lists as missing.
     version
-        Version of the files, see :data:`bow_sweep.record.notes.HOW`.
+        Latest version of the files, see :data:`bow_sim.protocol.messages.FORMAT`.
     """
 
     def __init__(self, directory: Path, expected: SweepOutline | None = None, last: int | None = 0) -> None:
@@ -166,19 +169,23 @@ class Survey:
     def read_file(self, scan: Scan) -> Iterator[Message]:
         """Take in a file, and yield its messages one by one. The caller has to report the damage found by `scan`."""
         for message in scan.messages():
-            self._take(label(scan.contents.channels[message.channel].topic, message, scan.path))
+            self._take(label(scan.contents, message, scan.path))
             yield message
-        self._take_notes(scan.notes)
+        self._take_notes(scan.notes, scan.path)
         self._check_types(scan)
         self.files.append(FileInfo.of(scan.path.name, scan.contents))
 
-    def _take_notes(self, notes: Iterable[Metadata]) -> None:
-        self.version = max(self.version, version_in(notes))
+    def _take_notes(self, notes: Iterable[Metadata], path: Path) -> None:
+        version = version_in(notes)
+        if why := too_new(version):
+            self.problem(why, file=path.name)
+        self.version = max(self.version, version)
         self.noted += noted_in(notes)
 
     def merge(self, other: Survey) -> None:
         """Take in the survey of the files after these."""
         self.expected, self.plan = other.expected, other.plan or self.plan
+        self.identity = self.identity or other.identity
         self.epoch = max(self.epoch, other.epoch)
         for topic, places in other.places.items():
             self.places[topic].update(places)
@@ -228,7 +235,7 @@ class Survey:
         for channel in scan.contents.channels.values():
             name = short_name(channel.topic)
             schema = scan.contents.schemas.get(channel.schema_id)
-            if name and (schema is None or schema.name != TOPICS[name].type):
+            if name and (schema is None or schema.name not in (TOPICS[name].type, OLD_TYPES.get(name))):
                 given = schema.name if schema else "no type"
                 self.problem(f"{channel.topic} has {given}, should have {TOPICS[name].type}", file=scan.path.name)
 
@@ -264,7 +271,7 @@ class Survey:
             elif message.topic == "basin_map":
                 self._check_run(cdr.decode("BasinMap", message.data))
             elif message.topic == "inspect":
-                self._check_run(self._opened("BridgeForce", message))
+                self._check_run(self._opened(message.type, message))
         except (cdr.WireError, ParameterError) as error:
             self.problem(str(error), topic=message.topic, message=message.sequence, file=message.file.name)
 
@@ -300,7 +307,7 @@ class Survey:
             layers = {name: values[name].copy() for name in VERDICT_FIELDS}
             stored[key] = Verdict(values["checksum"], values["chunk_checksum"], layers)
         else:
-            stored[key] = Place(message.file, message.offset, len(message.data), values["checksum"])
+            stored[key] = Place(message.file, message.offset, message.length, values["checksum"], message.lacking)
 
     def _checked(self, message: BagMessage) -> dict[str, Any]:
         """Return the fields of a stream message or verdict that belongs to the run and is consistent."""
@@ -358,8 +365,8 @@ class Chunks:
         for descriptor in self._open.values():
             os.close(descriptor)
 
-    def read(self, place: Place) -> bytes:
-        """Return a message.
+    def read(self, place: Place) -> cdr.Buffer:
+        """Return a message as one of today.
 
         Raises
         ------
@@ -373,4 +380,4 @@ class Chunks:
         data = os.pread(self._open[place.file], place.length, place.offset)
         if len(data) != place.length:
             raise BagError(f"{place.file}: ends before byte {place.offset + place.length}")
-        return data
+        return complete(data, place.lacking)

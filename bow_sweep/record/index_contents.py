@@ -51,9 +51,9 @@ class IndexSurvey(Survey):
             scan.size = os.fstat(descriptor).st_size
             scan.contents, notes = _summary(descriptor, scan.size)
             for message in _messages(descriptor, scan.contents):
-                self._take(label(scan.contents.channels[message.channel].topic, message, scan.path))
+                self._take(label(scan.contents, message, scan.path))
                 yield message
-            self._take_notes(notes)
+            self._take_notes(notes, scan.path)
         except PARSE_ERRORS as error:
             self.problem(f"its index cannot be used: {error}", file=scan.path.name)
         finally:
@@ -128,7 +128,7 @@ def _messages(descriptor: int, contents: Contents) -> Iterator[Message]:
             if whole and size > HEAD - MESSAGE_HEAD.size:
                 data = data[: MESSAGE_HEAD.size] + os.pread(descriptor, size, start)
             view = memoryview(data)[MESSAGE_HEAD.size : MESSAGE_HEAD.size + size]
-            yield Message(channel, sequence, log_time, publish_time, view, start)
+            yield Message(channel, sequence, log_time, publish_time, view, start, size - len(view))
 
 
 def _entries(index: bytes) -> Iterator[tuple[int, int]]:

@@ -14,7 +14,7 @@ from bow_sweep.record.bag_contents import RunIdentity, Survey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Damage
 from bow_sweep.record.mcap_writer import MAGIC, RECORD_HEAD
-from bow_sweep.record.notes import Range
+from bow_sweep.record.notes import Range, too_new
 
 KEEP, MEND, ASIDE, REFUSE = "keep", "mend", "set aside", "refuse"
 """What is done with a file."""
@@ -93,11 +93,14 @@ def inspect(directory: Path, identity: RunIdentity | None = None, resuming: bool
     Raises
     ------
     BagError
-        Where no file is of that run; or where it is not known, and the files are of several runs.
+        Where no file is of that run; or where it is not known, and the files are of several runs. Where a file was
+        written by a later bow.
     """
     found = Inspection(survey=Survey(directory))
     for path in bag_files(directory):
         part = _read(path, found.survey)
+        if not part.scan.damage and (why := too_new(part.survey.version)):
+            raise BagError(f"{path}: {why}")
         found.parts.append(part)
         right = identity or next((p.identity for p in found.parts if p.identity), None)
         if part.identity in (None, right):

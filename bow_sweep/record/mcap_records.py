@@ -48,6 +48,8 @@ class Message(NamedTuple):
     data: memoryview
     offset: int
     """Of `data` in the file; -1 in a compressed chunk."""
+    unread: int = 0
+    """Number of bytes at the end of the message that are not in `data`."""
 
 
 class InnerRecord(NamedTuple):

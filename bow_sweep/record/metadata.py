@@ -196,6 +196,13 @@ def others_part(info: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in info.items() if name not in OURS and value is not None}
 
 
+def with_custom_data(others: Mapping[str, Any], ours: Mapping[str, str]) -> dict[str, Any]:
+    """Return the entries that others have added, with `ours` in `custom_data`, where rosbag2 keeps what users add."""
+    given = others.get("custom_data")
+    data = {**(given if isinstance(given, dict) else {}), **ours}
+    return {**others, "custom_data": data} if data else dict(others)
+
+
 def differences(info: Mapping[str, Any], files: Sequence[FileInfo]) -> list[str]:
     """Return the differences between metadata.yaml and the files of the bag, as texts for people."""
     try:

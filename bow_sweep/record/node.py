@@ -67,6 +67,8 @@ def subscription_qos(qos: Qos) -> QoSProfile:
 class RecorderNode(BowNode):
     """Records one run after the other."""
 
+    says_ends = False
+
     def __init__(self) -> None:
         super().__init__("recorder")
         runs_dir = self.read_parameter("runs_dir", "runs", "directory of the run directories, each named by its run_id")
@@ -83,9 +85,6 @@ class RecorderNode(BowNode):
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
         self._complained = self._counted = 0
         self._waits_until = self._answered_again_at = 0.0
-        # Topics have these names in the bag, also if they are remapped on the graph: readers expect them.
-        prefix = self.get_namespace().rstrip("/")
-        self._names = {name: name if name.startswith("/") else f"{prefix}/{name}" for name in TOPICS}
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
         self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
         self.subscribe_plan(self._on_plan)
@@ -97,7 +96,7 @@ class RecorderNode(BowNode):
         self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
-        checked = topic.name in ("health", "basin_map/image", "diagnostics", "/rosout")
+        checked = topic.name in ("health", "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
         sealed = STORED_ONCE.get(topic.name, "")
 
         def take(data: bytes) -> None:
@@ -119,17 +118,25 @@ class RecorderNode(BowNode):
         return take
 
     def _readable(self, topic: Topic, kind: type, data: bytes) -> bool:
-        """Whether a message without identity may enter the bag: it can be decoded, and a log is of this namespace."""
+        """Whether a message without identity may enter the bag: it can be decoded, and is of this namespace."""
         if topic.name == "/rosout" and not log_name(data).startswith(self._loggers):
             return False
         try:
-            deserialize_message(data, kind)
+            message = deserialize_message(data, kind)
+            if topic.name == "/diagnostics":  # all graphs of a domain share it
+                nodes = (status.name.partition(":")[0] for status in message.status)
+                return {node.rpartition("/")[0] for node in nodes} == {self.get_namespace()}
         except Exception:  # the type support may raise any exception
             self.health.ignored += 1
             return False
         return True
 
     # ---- the plan opens and closes the bag
+
+    def run_note(self) -> str:
+        """Return how much is in the bag."""
+        session = self._session
+        return f"{session.messages} messages, {session.bytes / 1e6:.0f} MB recorded" if session is not None else ""
 
     def ignore(self, why: str) -> None:
         """Count a message that does not belong here, and log why."""
@@ -169,7 +176,7 @@ class RecorderNode(BowNode):
             directory = self._run_dir or self._runs_dir / run
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # the run ended before this recorder started
-            session = (directory, plan, data, self._names, self.incarnation, time.time_ns())
+            session = (directory, plan, data, self.incarnation, time.time_ns())
             self._session = Session(*session, sync=self._sync, lock=self._locks)
         except LockedError as error:
             self._waiting = (plan, data)
@@ -189,6 +196,7 @@ class RecorderNode(BowNode):
                         f"{file['file']} is {file['was']}, {file['did']}: {file['messages']} messages stay; taken out: "
                         f"{', '.join(file['aside']) or 'nothing'}"
                     )
+            self.get_logger().info(f"run {run} opens: records to {self._session.bag.path.parent}")
             self.set_state(Health.STARTING, f"opened {self._session.bag.path}", run)
             self._tick()
 
@@ -264,6 +272,8 @@ class RecorderNode(BowNode):
             return
         self._outbox.send([message] if message else ())
         self._count(session)
+        how_much = f"{session.messages} messages, {session.bytes / 1e6:.0f} MB in {session.bag.path.parent}"
+        self.get_logger().info(f"run {run} closes, {why}: {how_much}")
         self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 
     def _fail(self, session: Session, error: OSError) -> None:

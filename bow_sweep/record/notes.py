@@ -1,4 +1,4 @@
-"""MCAP metadata records of our files: the version of the record, and the numbers of messages that are missing.
+"""MCAP metadata records of our files: version and run of the record, and the numbers of messages that are missing.
 
 Messages are missing where a run was resumed although a file of its bag was lost or damaged.
 """
@@ -11,11 +11,14 @@ from typing import NamedTuple
 
 from mcap.records import Metadata
 
+from bow_sim.protocol.messages import FORMAT
+
 NAME = "bow.missing"
 """Name of the record that lists the messages missing before its file, and why."""
 
-HOW = Metadata("bow.record", {"version": "2"})
-"""Record in every file. Version 2: each complete block has a receipt when it is on the disk. Older files have none."""
+HOW = "bow.record"
+"""Name of the record in every file that states its version, see :data:`bow_sim.protocol.messages.FORMAT`, and its run.
+Files of version 1 have none."""
 
 
 class Range(NamedTuple):
@@ -28,6 +31,23 @@ class Range(NamedTuple):
 _RANGES = re.compile(r"\d{1,10}-\d{1,10}(,\d{1,10}-\d{1,10})*")
 
 
+def how(run_id: str, sweep_id: str) -> Metadata:
+    """Return the record that states version and run of a file."""
+    return Metadata(HOW, {"version": str(FORMAT), "run_id": run_id, "sweep_id": sweep_id})
+
+
+def custom_data(run_id: str, sweep_id: str) -> dict[str, str]:
+    """Return what metadata.yaml of a bag says of its run, in `custom_data`."""
+    return {"bow.version": str(FORMAT), "bow.run_id": run_id, "bow.sweep_id": sweep_id}
+
+
+def too_new(version: int) -> str:
+    """Return why a file of a version cannot be read; "" where it can."""
+    if version <= FORMAT:
+        return ""
+    return f"is of version {version}, written by a later bow; this one reads versions up to {FORMAT}: update it"
+
+
 def note(missing: Sequence[Range], why: str) -> Metadata:
     """Return the record that lists missing messages."""
     return Metadata(NAME, {"messages": ",".join(f"{first}-{last}" for first, last in missing), "why": why})
@@ -35,7 +55,7 @@ def note(missing: Sequence[Range], why: str) -> Metadata:
 
 def version_in(records: Iterable[Metadata]) -> int:
     """Return the version that a file states; 1 where it states none."""
-    versions = [record.metadata.get("version", "") for record in records if record.name == HOW.name]
+    versions = [record.metadata.get("version", "") for record in records if record.name == HOW]
     return max([1, *(int(text) for text in versions if re.fullmatch(r"\d{1,4}", text))])
 
 

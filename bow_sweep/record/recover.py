@@ -24,9 +24,13 @@ from bow_sweep.record.bag_contents import RunIdentity
 from bow_sweep.record.inspection import ASIDE, KEEP, MEND, REFUSE, Inspection, Part, inspect
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_writer import COVERED, LIBRARY, MAGIC, RECORD_HEAD, pack, write_all
-from bow_sweep.record.metadata import MetadataError, differences, others_part, parse
+from bow_sweep.record.metadata import MetadataError, differences, others_part, parse, with_custom_data
+from bow_sweep.record.notes import custom_data
 from bow_sweep.run.ledger_file import read_leniently
 from bow_sweep.run.lock import locked
+
+NAMES_ITS_RUN = 3
+"""From this version of the record on, metadata.yaml names the run."""
 
 ROUNDS = 4
 """A file is read again after each repair; where damage is left after so many, it is set aside."""
@@ -195,6 +199,8 @@ def _repair_metadata(directory: Path, found: Inspection, dry_run: bool) -> _Meta
         if not dry_run:
             aside = set_aside(path)
     if not dry_run and infos:
+        if found.survey.identity and found.survey.version >= NAMES_ITS_RUN:
+            others = with_custom_data(others, custom_data(*found.survey.identity))
         write_metadata(directory, infos, others)
     elif not dry_run and path.exists():
         aside = set_aside(path)  # all files that it describes are gone

@@ -27,6 +27,7 @@ from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
 from bow_sweep.record.mcap_reader import Scan
+from bow_sweep.record.notes import too_new, version_in
 
 Classify = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
 """Yields (chunk, fields of Verdicts) for the chunks of a bag; of each block those before the first incomplete chunk."""
@@ -55,7 +56,9 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
         scan = Scan(path)
         try:
             for found in scan.messages():
-                message = label(scan.contents.channels[found.channel].topic, found, path)
+                if why := too_new(version_in(scan.notes)):
+                    raise BagError(f"{path}: {why}")
+                message = label(scan.contents, found, path)
                 if message.topic == "plan":
                     plan = cdr.decode("Plan", message.data)
                     expected = expected.grown(plan["rounds"]) if expected else SweepOutline.of(plan)

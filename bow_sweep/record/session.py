@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import struct
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,11 @@ from bow_sweep.record.bag_contents import RunIdentity
 from bow_sweep.record.deduplication import Answer, StoredMessages
 from bow_sweep.record.disk import DiskSync
 from bow_sweep.record.inspection import Inspection
-from bow_sweep.record.notes import HOW, note
+from bow_sweep.record.metadata import FileInfo
+from bow_sweep.record.notes import custom_data, how, note
 from bow_sweep.record.recover import repair
-from bow_sweep.record.topics import STORED_ONCE, TOPICS, Topic
+from bow_sweep.record.schema import type_hash
+from bow_sweep.record.topics import NAMESPACE, STORED_ONCE, TOPICS, Topic, full_names
 from bow_sweep.run.lock import locked
 
 COMMIT_BYTES = 4 << 20
@@ -38,7 +40,7 @@ COMMIT_BYTES = 4 << 20
 COMMIT_S = 0.02
 """Messages are written after this many seconds, however few they are."""
 
-RUN_OF = {"inspect": "BridgeForce", "basin_map": "BasinMap", "blocks": "Block"}
+RUN_OF = {"inspect": "InspectedCell", "basin_map": "BasinMap", "blocks": "Block"}
 """Topic -> message type, as :mod:`bow_sim.protocol.cdr` names it, of other messages that state their run."""
 
 
@@ -55,8 +57,6 @@ class Session:
         Run directory; created if it is missing, and locked as long as the session lasts.
     plan, data
         The Plan that opens it, decoded and as bytes.
-    names
-        Key of `TOPICS` -> full name of the topic on the graph.
     incarnation
         Of the recorder.
     now
@@ -68,6 +68,8 @@ class Session:
 
     Attributes
     ----------
+    names
+        Key of `TOPICS` -> full name of the topic in the bag.
     stored
         The stream messages and verdicts in the bag.
     messages, bytes
@@ -98,7 +100,6 @@ class Session:
         directory: Path,
         plan: Mapping[str, Any],
         data: bytes,
-        names: Mapping[str, str],
         incarnation: str,
         now: int,
         *,
@@ -108,7 +109,6 @@ class Session:
         self.directory = directory
         self.expected = SweepOutline.of(plan)
         self.stored = StoredMessages()
-        self.names = dict(names)
         self.incarnation = incarnation
         self.messages = self.bytes = self.ignored = 0
         self.complaints: Counter[str] = Counter()
@@ -128,10 +128,11 @@ class Session:
             if self.closed and plan["epoch"] <= self.last_plan["epoch"]:  # only a new epoch reopens a finished run
                 raise AlreadyClosedError(f"{directory / FOLDER} is closed")
             self._restore(found, sync)
+            self.names = _names(found.survey.files, self.expected.run_id)
             topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
-            notes = [HOW, *([note(found.missing, _why(self.report))] if found.missing else [])]
+            notes = [how(*identity), *([note(found.missing, _why(self.report))] if found.missing else [])]
             files, last = found.survey.files, found.survey.last or 0
-            self.bag = BagWriter(directory / FOLDER, topics, files, last, notes)
+            self.bag = BagWriter(directory / FOLDER, topics, files, last, notes, custom_data(*identity))
             stack.callback(self.bag.abandon)
             if sync:
                 self._disk = DiskSync(self.bag.fileno())
@@ -295,6 +296,18 @@ class Session:
     def abandon(self) -> None:
         """Close the file without finishing it, and release the lock."""
         self._stack.close()
+
+
+def _names(files: Iterable[FileInfo], run_id: str) -> dict[str, str]:
+    """Return the full names of the topics of the next file.
+
+    A topic has one type in a bag. Where an older file has one of these names for a type of other fields, as a recorder
+    of before version 3 gave it in the namespace /bow, all names of the next file have the run in them.
+    """
+    names = full_names()
+    taken = {name: info.hash for file in files for name, info in file.topics.items()}
+    clash = any(taken.get(names[key]) not in (None, "", type_hash(topic.type)) for key, topic in TOPICS.items())
+    return full_names(f"{NAMESPACE}/{run_id}") if clash else names
 
 
 def _why(report: Mapping[str, Any]) -> str:

@@ -1,4 +1,8 @@
-"""The recorded topics of a run's graph: their types, and the quality of service that the bag offers them with."""
+"""The recorded topics of a run's graph: their types, and the quality of service that the bag offers them with.
+
+In every bag they have the same names, whatever namespace the run had on the graph: one bag is one run, and its identity
+is in the messages. So `ros2 bag play` feeds what listens in /bow, the namespace that ``ros2 run`` gives to a node.
+"""
 
 from __future__ import annotations
 
@@ -43,8 +47,9 @@ TOPICS: dict[str, Topic] = {
         Topic("health", "bow_msgs/msg/Health", LATCHED),
         Topic("basin_map", "bow_msgs/msg/BasinMap", LATCHED),
         Topic("basin_map/image", "sensor_msgs/msg/Image", LATCHED),
-        Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", PLAIN),
-        Topic("inspect", "bow_msgs/msg/BridgeForce", INSPECT),
+        Topic("basin_map/regimes", "sensor_msgs/msg/Image", LATCHED),
+        Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", PLAIN),
+        Topic("inspect", "bow_msgs/msg/InspectedCell", INSPECT),
         Topic("/rosout", "rcl_interfaces/msg/Log", LOGS),
     )
 }
@@ -54,8 +59,17 @@ STORED_ONCE = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdic
 """Topic -> message type, as :mod:`bow_sim.protocol.cdr` names it, of messages with an identity: each is stored once."""
 
 
+NAMESPACE = "/bow"
+"""Namespace of the topics in a bag."""
+
+
+def full_names(namespace: str = NAMESPACE) -> dict[str, str]:
+    """Return the full name of every topic in a bag, by its key in `TOPICS`."""
+    return {name: name if name.startswith("/") else f"{namespace}/{name}" for name in TOPICS}
+
+
 def short_name(topic: str) -> str:
     """Return the key of `TOPICS` for the full name of a topic in a bag; "" where it is another topic."""
     if topic in TOPICS:
         return topic
-    return next((name for name in TOPICS if topic.endswith("/" + name)), "")
+    return next((name for name in TOPICS if topic.endswith("/" + name.lstrip("/"))), "")

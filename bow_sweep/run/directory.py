@@ -20,6 +20,7 @@ from bow_sim.atomic_files import replacing, sync_directory
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
+from bow_sim.protocol.messages import FORMAT
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
@@ -254,6 +255,7 @@ def planned(run_id: str, sweep: Sweep, epoch: int = 1) -> dict[str, Any]:
     """Return the ledger entry that a run begins with."""
     return {
         "event": "planned",
+        "format": FORMAT,
         "run_id": run_id,
         "sweep_id": sweep.sweep_id,
         "preset": sweep.preset,
@@ -275,6 +277,9 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
     RunError
         If it describes none, or kernel or classifier of this machine would not give the same bytes.
     """
+    if plan.get("format", 1) > FORMAT:
+        what = f"format {plan['format']}, written by a later bow; this one reads formats up to {FORMAT}: update it"
+        raise RunError(f"{where}, line 1: {what}")
     try:
         sweep = replace(Sweep.from_spec("", plan["settings"]), preset=str(plan["preset"]))
     except (ParameterError, KeyError, TypeError) as error:

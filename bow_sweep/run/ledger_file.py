@@ -33,7 +33,7 @@ _NEEDS = {
 """Event -> the fields that its entry must have."""
 
 _TEXTS = ("event", "run_id", "sweep_id", "preset", "fingerprint", "why", "simulator", "role")
-_NUMBERS = ("block", "attempt", "epoch", "blocks", "chunks", "cells", "round")
+_NUMBERS = ("block", "attempt", "epoch", "blocks", "chunks", "cells", "round", "format")
 _IDENTIFIERS = ("run_id", "sweep_id")
 
 

@@ -71,7 +71,7 @@ def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb
         ),
         rrb.Vertical(
             rrb.TextDocumentView(origin="account", name="Accounts"),
-            _scope(),
+            _scope(len(cells)),
             row_shares=[3, 2],
         ),
         column_shares=[5, 2],
@@ -116,8 +116,8 @@ def _plane(origin: str, name: str, decorations: Mapping[str, Decorations], *also
     return rrb.Spatial2DView(origin=origin, contents=contents, name=name, background=GROUND, visual_bounds=bounds)
 
 
-def _scope() -> rrb.Spatial2DView:
-    bounds = rrb.VisualBounds2D(x_range=(-4, WIDTH + MARGIN), y_range=(-2, MOST * ROW + 2))
+def _scope(rows: int) -> rrb.Spatial2DView:
+    bounds = rrb.VisualBounds2D(x_range=(-4, WIDTH + MARGIN), y_range=(-2, max(MOST, rows) * ROW + 2))
     return rrb.Spatial2DView(
         origin="scope",
         name="Bridge force of inspected cells, latest five periods",

@@ -141,12 +141,14 @@ class LiveRun:
         self._draw_if_due()
 
     def inspect(self, values: Mapping[str, Any]) -> None:
-        """Take a BridgeForce of inspected cells."""
-        cells, samples = values["cells"].tolist(), values["samples"]
-        if not self._is_mine(values) or max(cells, default=0) >= self._outline.cells:
+        """Take an InspectedCell."""
+        cell, force = values["cell"], values["bridge_force"]
+        if not self._is_mine(values) or cell >= self._outline.cells:
             self.ignored += 1
             return
-        self.recording.waveform(cells, values["first_sample"], values["data"].reshape(len(cells), samples))
+        if not values["attempt"]:  # of no block that was sent: somebody has chosen the cell
+            self.recording.scope.choose(cell)
+        self.recording.waveform([cell], values["first_sample"], force.reshape(1, -1))
 
     def tick(self, nodes: Iterable[NodeStatus]) -> bool:
         """Draw what is due; return whether the sweep has ended and nothing more will come."""

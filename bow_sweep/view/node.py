@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
+from bow_msgs.msg import BasinMap, Health, InspectedCell, Plan
 from rclpy.qos import QoSProfile
 
 from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError
@@ -86,7 +86,7 @@ class DashboardNode(BowNode):
         self.subscribe_plan(self._on_plan)
         for kind, topic, taker, qos in (
             (BasinMap, "basin_map", self._on_map, LATCHED),
-            (BridgeForce, "inspect", self._on_inspect, patient),
+            (InspectedCell, "inspect", self._on_inspect, patient),
         ):
             self.create_subscription(kind, topic, self._taker(kind.__name__, taker), qos, raw=True)
         self.every(TICK_S, self._tick)
@@ -101,7 +101,7 @@ class DashboardNode(BowNode):
             self.health.messages += 1
             self.health.bytes += len(data)
             try:
-                take(cdr.unseal(name, data) if name == "BridgeForce" else cdr.decode(name, data))
+                take(cdr.unseal(name, data) if cdr.is_sealed(name) else cdr.decode(name, data))
             except cdr.WireError as error:
                 self.ignore(str(error))
 

@@ -9,8 +9,9 @@ import numpy as np
 from bow_sweep.maps.plane import Plane
 from bow_sweep.view.decorations import unit_of
 
-MOST = 6
-"""Number of cells shown; more would be too small to read."""
+MOST, MOST_CHOSEN = 6, 12
+"""Number of cells shown of those that simulators publish, more would be too small to read; of those that somebody has
+chosen while the sweep runs."""
 
 COLOURS = (
     (255, 105, 85),
@@ -68,17 +69,25 @@ class Scope:
 
     def __init__(self) -> None:
         self.cells: list[int] = []
+        self._chosen: set[int] = set()
         self.left_out: set[int] = set()
 
     def admit(self, cell: int) -> bool:
         """Return whether a cell has a row; gives it one if there is a free one."""
         if cell in self.cells:
             return True
-        if len(self.cells) == MOST:
+        if len(self.cells) - len(self._chosen) == MOST:
             self.left_out.add(cell)
             return False
         self.cells.append(cell)
         return True
+
+    def choose(self, cell: int) -> None:
+        """Give a row to a cell that somebody has chosen, even if the others have none left."""
+        if cell not in self.cells and len(self._chosen) < MOST_CHOSEN:
+            self.cells.append(cell)
+            self._chosen.add(cell)
+            self.left_out.discard(cell)
 
     def recall(self, name: str) -> int | None:
         """Give a row to a cell of an earlier recording; return the cell, or None where there is no row for it.
@@ -115,7 +124,7 @@ class Scope:
             name=trace_name(cell),
             label=label,
             caption=f"{row + 1}   {label.partition(': ')[2] or label}",
-            colour=COLOURS[row],
+            colour=COLOURS[row % len(COLOURS)],
             curve=curve,
             corner=(WIDTH + MARGIN / 2, middle - SWING / 2),
             frame=np.array([*corners, corners[0]], np.float32),

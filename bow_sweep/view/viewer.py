@@ -121,8 +121,8 @@ class Viewer(RerunProcess):
 
     what = "the viewer"
 
-    def __init__(self, *opens: str, port: int = 0, memory: str = MEMORY, program: Sequence[str] = ()) -> None:
-        super().__init__(*opens, "--hide-welcome-screen", port=port, memory=memory, program=program)
+    def __init__(self, *opens: str | Path, port: int = 0, memory: str = MEMORY, program: Sequence[str] = ()) -> None:
+        super().__init__(*map(str, opens), "--hide-welcome-screen", port=port, memory=memory, program=program)
 
 
 class Server(RerunProcess):

@@ -105,7 +105,8 @@ def settings_page() -> str:
 def messages_page() -> str:
     """Return the page of all messages and actions: their definitions, with units and shapes in the comments."""
     text = heading("Messages and actions") + "The ROS package ``bow_msgs``, built from ``msg_defs/``.\n\n"
-    for path in sorted((ROOT / "msg_defs").glob("msg/*.msg")) + sorted((ROOT / "msg_defs").glob("action/*.action")):
+    kinds = ("msg/*.msg", "srv/*.srv", "action/*.action")
+    for path in (path for kind in kinds for path in sorted((ROOT / "msg_defs").glob(kind))):
         text += heading(f"bow_msgs/{path.parent.name}/{path.stem}", "-")
         text += f".. literalinclude:: /../msg_defs/{path.parent.name}/{path.name}\n   :language: text\n\n"
     return text

@@ -15,7 +15,7 @@ import rclpy
 import yaml
 from action_msgs.msg import GoalStatus
 from bow_msgs.action import RunSweep
-from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan, Receipt, StickSlip, SweepSpec, Verdicts
+from bow_msgs.msg import BasinMap, BridgeForce, Health, InspectedCell, Plan, Receipt, StickSlip, SweepSpec, Verdicts
 from graph import PATIENCE_S, assert_same_map, sweeping, verified
 from rclpy.action import ActionClient
 from rclpy.context import Context
@@ -119,7 +119,7 @@ def test_a_goal_runs_a_sweep_while_another_node_publishes_rubbish(
 
 
 def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client: Client) -> None:
-    goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=64", "y.count=32", "block_cells=16"]))
+    goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=32", "y.count=24", "block_cells=16"]))
     ledgers: list[Path] = []
     while not ledgers or b'"done"' not in ledgers[0].read_bytes():
         ledgers = list(nodes.glob("*/ledger.jsonl"))
@@ -131,7 +131,7 @@ def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client
     assert (run / "bag" / "metadata.yaml").exists()
     with sweeping(run, "--resume", str(run)) as sweep:
         assert sweep.wait() == 0, sweep.text
-    assert verified(run)["cells"] == 2048
+    assert verified(run)["cells"] == 768
 
 
 def publish_rubbish(node: Node, stop: threading.Event) -> None:
@@ -143,7 +143,7 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
         for topic, kind in kinds.items()
     ]
     latched_ones = [node.create_publisher(kind, topic, LATCHED) for topic, kind in latched.items()]
-    latched_ones.append(node.create_publisher(BridgeForce, "inspect", INSPECT))
+    latched_ones.append(node.create_publisher(InspectedCell, "inspect", INSPECT))
     rng = np.random.default_rng(1)
     common = {"run_id": "x", "sweep_id": "y", "block": 2**32 - 1, "chunk": 0, "attempt": 1, "incarnation": "z"}
     odd = {**common, "cells": np.arange(3), "first_sample": 0, "samples": 9, "data": np.full(5, np.nan)}

@@ -2,118 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
-import rclpy
-from bow_msgs.action import RunSweep
-from bow_msgs.msg import Health, SweepSpec
-from graph import PATIENCE_S, assert_same_map, verified
+from bow_msgs.msg import Verdicts
+from desk import Desk, desk
+from graph import assert_same_map, verified
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from rclpy.action import ActionClient
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from bow_sim.graph.node_base import LATCHED_DEEP
+from bow_sim.graph.node_base import STREAM
+from bow_sim.protocol import cdr
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.record.bag import messages
 from bow_sweep.record.node import _class_of
-from bow_sweep.record.topics import TOPICS
-
-SETTINGS = ["x.count=16", "y.count=8", "block_cells=8"]
-"""The small sweep of `graph.SMALL`."""
+from bow_sweep.record.topics import TOPICS, full_names
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
-
-
-class Desk:
-    """Nodes that somebody has started, each in a terminal of its own, and a node of the test's."""
-
-    def __init__(self, folder: Path, *arguments: str) -> None:
-        self.folder, self.arguments = folder, arguments
-        self.processes: dict[str, subprocess.Popen[bytes]] = {}
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("desk", namespace="/bow", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.action = ActionClient(self.node, RunSweep, "run_sweep")
-        self.health: dict[int, Health] = {}
-        self.node.create_subscription(Health, "health", lambda m: self.health.update({m.pid: m}), LATCHED_DEEP)
-
-    def start(self, role: str, name: str = "", *arguments: str) -> subprocess.Popen[bytes]:
-        """Start a node under a name of the test's."""
-        words = ["-r", f"__node:={name}"] if name else []
-        if role in ("coordinator", "recorder", "dashboard"):
-            words += ["-p", f"runs_dir:={self.folder / 'runs'}"]
-        label = name or role
-        while label in self.processes:
-            label += "+"
-        command = [sys.executable, "-m", "bow_sweep", role, "--ros-args", *words, *self.arguments, *arguments]
-        with open(self.folder / f"{label}.log", "wb") as output:
-            process = subprocess.Popen(command, stdout=output, stderr=output)
-        self.processes[label] = process
-        return process
-
-    def start_all(self) -> None:
-        for role in ("coordinator", "recorder", "classifier", "simulator"):
-            self.start(role, "sim" if role == "simulator" else "")
-
-    def text(self, label: str) -> str:
-        return (self.folder / f"{label}.log").read_text()
-
-    def until(self, what: Callable[[], bool], said: str, seconds: float = 60.0) -> None:
-        deadline = time.monotonic() + seconds
-        while not what():
-            if time.monotonic() > deadline:
-                logs = "\n".join(f"--- {label}\n{self.text(label)[-2000:]}" for label in self.processes)
-                pytest.fail(f"waited until {said}:\n{logs}")
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def wait(self, future: Any) -> Any:
-        self.until(future.done, "an answer comes", PATIENCE_S)
-        return future.result()
-
-    def send(self, *settings: str) -> Any:
-        """Send a goal; return its handle."""
-        assert self.action.wait_for_server(30)
-        spec = SweepSpec(preset="fig11d", settings=[*SETTINGS, *settings])
-        handle = self.wait(self.action.send_goal_async(RunSweep.Goal(spec=spec)))
-        assert handle.accepted
-        return handle
-
-    def sweep(self, *settings: str) -> Path:
-        """Run a sweep to its end, which must be a good one; return its directory."""
-        result = self.wait(self.send(*settings).get_result_async()).result
-        assert result.cells_done == result.cells_planned > 0, result.message
-        return Path(result.directory)
-
-    def close(self) -> None:
-        for process in self.processes.values():
-            process.terminate()
-        statuses = {label: process.wait(30) for label, process in self.processes.items()}
-        self.executor.shutdown()
-        self.action.destroy()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-        assert not {label: status for label, status in statuses.items() if status not in (0, 1)}
-
-
-@contextlib.contextmanager
-def desk(folder: Path, *arguments: str) -> Iterator[Desk]:
-    made = Desk(folder, *arguments)
-    try:
-        yield made
-    finally:
-        made.close()
 
 
 def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undisturbed: Path, tmp_path: Path) -> None:
@@ -150,7 +60,7 @@ def play(here: Desk, bag: Path, speed: float) -> int:
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy[topic.qos.durability.upper()],
         )
-        publishers[name] = here.node.create_publisher(_class_of(topic), name, qos)
+        publishers[name] = here.node.create_publisher(_class_of(topic), full_names()[name], qos)
     here.until(lambda: publishers["bridge_force"].get_subscription_count() > 0, "the player is matched")
     first, began, count = 0, time.monotonic(), 0
     for message in messages(bag):
@@ -161,6 +71,32 @@ def play(here: Desk, bag: Path, speed: float) -> int:
         count += 1
     here.executor.spin_once(timeout_sec=0.1)
     return count
+
+
+@pytest.mark.full
+def test_a_bag_that_is_played_to_a_classifier_alone_is_judged_as_in_its_run(undisturbed: Path, tmp_path: Path) -> None:
+    recorded, again = {}, {}
+    for message in messages(undisturbed / "bag"):
+        if message.topic == "verdicts":
+            values = cdr.decode("Verdicts", message.data)
+            recorded[values["block"], values["chunk"]] = values
+
+    def take(data: bytes) -> None:
+        values = cdr.decode("Verdicts", data)
+        if values["incarnation"] == here.incarnation("classifier") and len(values["cells"]):  # no hello
+            again[values["block"], values["chunk"]] = values
+
+    with desk(tmp_path) as here:
+        here.node.create_subscription(Verdicts, "/bow/verdicts", take, STREAM, raw=True)
+        here.start("classifier")
+        here.until(lambda: bool(here.incarnation("classifier")), "the classifier is heard")
+        play(here, undisturbed / "bag", speed=0.5)
+        here.until(lambda: again.keys() == recorded.keys(), "every chunk is judged")
+        assert here.processes["classifier"].poll() is None
+    for key, values in recorded.items():
+        for name in ("checksum", "header.stamp", "attempt", "run_id"):
+            assert again[key][name] == values[name]
+        assert all(again[key][name].tobytes() == values[name].tobytes() for name in VERDICT_FIELDS)
 
 
 def content(directory: Path) -> dict[str, str]:

@@ -26,6 +26,8 @@ def test_a_sweep_leaves_what_it_promises_and_everything_is_accounted_for(undistu
     assert report["samples"] == 128 * 13_900
     account = verified(undisturbed)
     assert (account["cells"], account["samples"]) == (128, 128 * 13_900)
+    printed = bow("verify", str(undisturbed))
+    assert (printed.returncode, json.loads(printed.stdout)) == (0, account)
     assert orphans(undisturbed) == []
 
 

@@ -101,13 +101,13 @@ def basin_map(nx: int = 8, ny: int = 4, computed: int | None = None, run: str = 
     }
 
 
-def inspection(cells: list[int], chunk: int, samples: int = 695, run: str = RUN) -> bytes:
-    """A BridgeForce of some cells: a sawtooth whose height says which cell it is."""
+def inspection(cell: int, chunk: int, samples: int = 695, run: str = RUN) -> bytes:
+    """An InspectedCell: a sawtooth whose height says which cell it is."""
     t = chunk * samples + np.arange(samples)
-    data = np.array([(cell + 1) * (t % 139 / 139 - 0.5) for cell in cells], np.float32)
     identity = {"run_id": run, "sweep_id": SWEEP, "block": 0, "chunk": chunk, "attempt": 1, "incarnation": "0" * 16}
-    fields = {"cells": cells, "first_sample": chunk * samples, "samples": samples, "data": data}
-    return cdr.encode("BridgeForce", {**identity, **fields})
+    fields = {"cell": cell, "name": f"cell {cell}", "first_sample": chunk * samples, "sample_rate": 61160.0}
+    force = (cell + 1) * (t % 139 / 139 - 0.5)
+    return cdr.encode("InspectedCell", {**identity, **fields, "periods": t / 139, "bridge_force": force})
 
 
 def map_file(nx: int = 8, ny: int = 4, tests: int = 20, computed: int | None = None) -> MapFile:

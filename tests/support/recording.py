@@ -31,13 +31,13 @@ from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.session import Session
-from bow_sweep.record.topics import STORED_ONCE, TOPICS
+from bow_sweep.record.topics import STORED_ONCE, full_names
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
 RUN = "0123456789abcdef"
 NAMESPACE = f"/bow/run_{RUN}"
-NAMES = {name: name if name.startswith("/") else f"{NAMESPACE}/{name}" for name in TOPICS}
+NAMES = full_names()
 SMALL = ("model=delta_cremer", "x.count=4", "y.count=3", "block_cells=5", "periods=20")
 
 
@@ -120,6 +120,15 @@ def chunks(
     return tuple(out)
 
 
+def inspected(chunk: Chunk, **changes: Any) -> bytes:
+    """Return the InspectedCell of the first cell of a chunk."""
+    values = cdr.decode("BridgeForce", chunk.bridge_force)
+    own = {"cell": values["cells"][0], "name": "x = 1, y = 2", "sample_rate": 61160.0}
+    force = values["data"][: values["samples"]]
+    waveform = {"periods": np.arange(len(force)) / 139, "bridge_force": force}
+    return cdr.encode("InspectedCell", {**values, **own, **waveform, **changes})
+
+
 def everything(sweep: Sweep, attempt: int = 1) -> Iterator[tuple[str, bytes]]:
     """Yield (topic, message) of a whole sweep."""
     for block in range(sweep.blocks):
@@ -130,7 +139,7 @@ def everything(sweep: Sweep, attempt: int = 1) -> Iterator[tuple[str, bytes]]:
 def session(directory: Path, sweep: Sweep, epoch: int = 1) -> Session:
     """Return a session as the recorder would open it."""
     data = plan(sweep, epoch=epoch)
-    return Session(directory, cdr.decode("Plan", data), data, NAMES, "7" * 16, time.time_ns())
+    return Session(directory, cdr.decode("Plan", data), data, "7" * 16, time.time_ns())
 
 
 def finish(open_session: Session, sweep: Sweep, epoch: int = 1) -> None:

@@ -32,25 +32,35 @@ def periodicity(x: NDArray[np.float64], end: int, period: int, lags: Sequence[in
     return min(best[0], 1.0), best[1]
 
 
-def corners(x: NDArray[np.float64], begin: int, end: int, delay: int, level: float) -> int:
-    """Return the corners between two samples by walking from t = 0 with an arming state."""
-    count, above = 0, 0
-    for t in range(end):
-        y = x[t] - (x[t - delay] if t >= delay else 0.0)
-        sign = int(y > level) - int(y < -level)
-        if sign and sign != above and t >= begin:
-            count += 1
+def corner_times(x: NDArray[np.float64], delay: int, level: float) -> NDArray[np.intp]:
+    """Return the samples of all corners of a record, by walking from t = 0 with an arming state."""
+    found, above = [], 0
+    difference = x - np.concatenate([np.zeros(delay), x])[: len(x)]
+    for t, sign in enumerate((np.int8(difference > level) - np.int8(difference < -level)).tolist()):
+        if sign and sign != above:
+            found.append(t)
         above = sign
-    return count
+    return np.array(found, np.intp)
+
+
+def corners(x: NDArray[np.float64], begin: int, end: int, delay: int, level: float) -> int:
+    """Return the corners between two samples, in a walk from t = 0."""
+    return int(np.count_nonzero(corner_times(x[:end], delay, level) >= begin))
+
+
+def slip_ends(slipping: NDArray[np.bool_], speed: NDArray[np.float64], level: float) -> NDArray[np.intp]:
+    """Return the first sticking sample after each slip of a record that exceeds the level."""
+    found, total = [], 0.0
+    for t, (slips_now, step) in enumerate(zip(slipping.tolist(), speed.tolist(), strict=True)):
+        if slips_now:
+            total += step
+        else:
+            if total > level:
+                found.append(t)
+            total = 0.0
+    return np.array(found, np.intp)
 
 
 def slips(slipping: NDArray[np.bool_], speed: NDArray[np.float64], begin: int, end: int, level: float) -> int:
     """Return the slips whose first sticking sample lies between two samples and that exceed the level."""
-    count, total = 0, 0.0
-    for t in range(end):
-        if slipping[t]:
-            total += speed[t]
-        else:
-            count += t >= begin and total > level
-            total = 0.0
-    return count
+    return int(np.count_nonzero(slip_ends(slipping[:end], speed[:end], level) >= begin))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,20 +29,21 @@ bow_sweep.run: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps
 bow_sweep.record: bow_sim.atomic_files bow_sim.physics bow_sim.protocol bow_sim.graph bow_classifier.verdict
     bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.run
-bow_sweep.cell: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim bow_sweep.plan
-    bow_sweep.maps bow_sweep.record
 bow_sweep.figures: bow_sim.physics bow_sim.protocol bow_sim.figures bow_sweep.maps
-bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.cell
-    bow_sweep.figures
-bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict
-    bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures
+bow_sweep.cell: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures bow_sim
+    bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.figures
+bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.figures
+    bow_sweep.cell
+bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim bow_classifier.verdict
+    bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures bow_sweep.cell
 bow_sweep.processes: bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict bow_classifier
     bow_sweep.plan bow_sweep.run bow_sweep.record bow_sweep.view
 bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict bow_sweep.maps
 bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures
-    bow_sweep.view bow_sweep.coordinator bow_sweep.processes bow_sweep.paper
-bow_sweep: bow_sim.graph bow_sweep.plan bow_sweep.maps bow_sweep.cell bow_sweep.record bow_sweep.processes bow_sweep.cli
+    bow_sweep.cell bow_sweep.view bow_sweep.coordinator bow_sweep.processes bow_sweep.paper
+bow_sweep: bow_sim.graph bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.cell bow_sweep.processes
+    bow_sweep.cli
 """
 
 ARROWS: dict[str, frozenset[str]] = {
@@ -51,6 +53,7 @@ ARROWS: dict[str, frozenset[str]] = {
 """Room -> rooms that it may import. A package's own name stands for the modules at its root."""
 
 
+@cache
 def modules() -> dict[str, Path]:
     """Return every module of the packages, by dotted name, with its file."""
     found = {}

@@ -143,7 +143,7 @@ class SmallGraph:
         plan = cdr.decode("Plan", data)
         if self.session is None:
             options: dict[str, Any] = {"sync": self.sync}
-            self.session = Session(self.directory, plan, data, recording.NAMES, "7" * 16, time.time_ns(), **options)
+            self.session = Session(self.directory, plan, data, "7" * 16, time.time_ns(), **options)
         else:
             self.session.plan(plan, data, time.time_ns())
         self.classifier.plan(data)

@@ -360,13 +360,14 @@ def messages() -> dict[str, bytes]:
     known = {
         "BridgeForce": CHUNK.bridge_force,
         "StickSlip": CHUNK.stick_slip,
+        "InspectedCell": recording.inspected(CHUNK),
         "Verdicts": CHUNK.verdicts,
         "Receipt": cdr.encode("Receipt", receipt),
         "Plan": recording.plan(SWEEP),
         "BasinMap": cdr.encode("BasinMap", basin),
         "Block": cdr.encode("Block", block),
     }
-    return {name: known[name] for name in cdr.FIELDS if name in known}
+    return {name: known[name] for name in cdr.FIELDS}
 
 
 def make(room: Path) -> Targets:

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bow_msgs.msg import Health, Plan, Receipt
+from bow_msgs.msg import Health, Plan, Receipt, Verdicts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr, limits
 from bow_sim.protocol.states import BlockState, NodeState, PlanState, ReceiptKind
 
@@ -25,7 +26,9 @@ def fields_in_file(name: str) -> dict[str, str]:
         if len(words) != 2 or "=" in words[1]:
             continue
         kind, field = words
-        if re.match(r"[A-Z]", kind):
+        if kind == "std_msgs/Header":
+            found.update({f"{field}.stamp": cdr.TIME, f"{field}.frame_id": "string"})
+        elif re.match(r"[A-Z]", kind):
             found.update({f"{field}.{inner}": k for inner, k in fields_in_file(kind).items()})
         else:
             found[field] = kind
@@ -44,6 +47,8 @@ def values_of(name: str, rng: np.random.Generator, length: int) -> dict:
         base, _, bound = kind.partition("[")
         if kind == cdr.SHORT_TEXT:
             values[field] = "ab" * int(rng.integers(0, 9))
+        elif kind == cdr.TIME:
+            values[field] = int(rng.integers(0, 2**60))
         elif base == "string":
             words = ["b" * int(n) for n in rng.integers(0, 12, length)]
             values[field] = words if kind.endswith("[]") else "µ" * int(rng.integers(0, 9))
@@ -63,7 +68,10 @@ def as_ros(name: str, values: dict) -> bytes:
         owner, _, leaf = field.rpartition(".")
         target = getattr(message, owner) if owner else message
         kind = cdr.FIELDS[name][field]
-        if kind == cdr.SHORT_TEXT:
+        if kind == cdr.TIME:
+            stamp = getattr(target, leaf)
+            stamp.sec, stamp.nanosec = divmod(value, 10**9)
+        elif kind == cdr.SHORT_TEXT:
             setattr(target, leaf, np.frombuffer(value.encode().ljust(16, b"\0"), np.uint8))
         else:
             setattr(target, leaf, float(value) if kind.startswith("float") and not np.ndim(value) else value)
@@ -116,10 +124,29 @@ def chunk(cells: int = 3, samples: int = 20, block: int = 7, number: int = 4) ->
 
 @pytest.mark.parametrize(
     ("message", "states"),
-    [(Plan, [*PlanState, *BlockState]), (Health, list(NodeState)), (Receipt, list(ReceiptKind))],
+    [
+        (Plan, [*PlanState, *BlockState]),
+        (Health, list(NodeState)),
+        (Receipt, list(ReceiptKind)),
+    ],
 )
 def test_constants_are_those_of_the_interfaces(message: type, states: list[IntEnum]) -> None:
     assert all(getattr(message, state.name) == state for state in states)
+
+
+def test_the_regimes_are_constants_of_the_verdicts() -> None:
+    codes = {name: getattr(Verdicts, name.upper()) for name in REGIMES}
+    assert codes == {name: code for code, name in enumerate(REGIMES)}
+    constants = re.findall(r"^uint8 (\w+)=", (MESSAGES / "Verdicts.msg").read_text(), re.MULTILINE)
+    assert constants == [name.upper() for name in REGIMES]
+
+
+def test_a_message_without_a_stamp_has_the_time_that_ros_takes_for_unknown() -> None:
+    back = {name: cdr.decode(name, cdr.encode(name, values)) for name, values in chunk().items()}
+    assert back["BridgeForce"]["stamp"] == back["StickSlip"]["header.stamp"] == 0
+    assert back["StickSlip"]["header.frame_id"] == "bow"
+    stamped = cdr.encode("BridgeForce", {**chunk()["BridgeForce"], "stamp": 1_700_000_000_987_654_321})
+    assert cdr.decode("BridgeForce", stamped)["stamp"] == 1_700_000_000_987_654_321
 
 
 @pytest.mark.parametrize("name", ["BridgeForce", "StickSlip"])
@@ -135,7 +162,8 @@ def test_attempts_have_the_same_checksum_and_other_places_another(name: str) -> 
     def checksum(**changes: object) -> int:
         return cdr.decode(name, cdr.encode(name, {**chunk()[name], **changes}))["checksum"]
 
-    assert checksum() == checksum(attempt=9, incarnation="d" * 16, run_id="e" * 16)
+    stamps = {"stamp": 10**18 + 1, "header.stamp": 10**18 + 1}
+    assert checksum() == checksum(attempt=9, incarnation="d" * 16, run_id="e" * 16, **stamps)
     assert len({checksum(), checksum(block=8), checksum(chunk=5), checksum(first_sample=1)}) == 4
 
 
@@ -191,8 +219,8 @@ def test_slip_intervals_that_cannot_be_are_refused(changes: dict, what: str) -> 
 @pytest.mark.parametrize(
     ("old", "new", "what"),
     [
-        (b"a" * 16 + b"\0", b"a" * 17, r"run_id: the string at byte 8 does not end with a zero"),
-        (b"a" * 16 + b"\0", b"a" * 15 + b"\xff\0", r"run_id: the string at byte 8 is not UTF-8"),
+        (b"a" * 16 + b"\0", b"a" * 17, r"run_id: the string at byte 24 does not end with a zero"),
+        (b"a" * 16 + b"\0", b"a" * 15 + b"\xff\0", r"run_id: the string at byte 24 is not UTF-8"),
         (b"\x11\0\0\0" + b"b" * 16, b"\xff" * 4 + b"b" * 16, r"sweep_id: wants bytes"),
     ],
 )
@@ -216,6 +244,11 @@ def test_what_a_bounded_message_has_no_room_for_is_refused() -> None:
     count = len(values["cells"]).to_bytes(4, "little")
     with pytest.raises(cdr.WireError, match=r"BridgeForce\.cells: 1025 values, should be 1024 at most"):
         cdr.decode("BridgeForce", message.replace(count, (1025).to_bytes(4, "little")))
+
+
+def test_bridge_force_is_bounded_and_so_can_be_lent_in_shared_memory() -> None:
+    for field, kind in cdr.FIELDS["BridgeForce"].items():
+        assert "string" not in kind and "[]" not in kind, field  # the middleware takes every string for unbounded
 
 
 def test_the_bound_of_the_message_is_that_of_a_chunk() -> None:

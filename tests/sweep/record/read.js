@@ -5,7 +5,7 @@ const { MessageReader } = require("@foxglove/rosmsg2-serialization");
 const fs = require("fs/promises");
 
 async function main() {
-  const result = { counts: {}, states: [], data: {} };
+  const result = { counts: {}, states: [], data: {}, inspected: [], images: {} };
   for (const path of process.argv.slice(2)) {
     const file = await fs.open(path);
     const readable = {
@@ -31,6 +31,12 @@ async function main() {
         const bytes = Buffer.from(value.data.buffer, value.data.byteOffset, value.data.byteLength);
         result.data[`${value.block},${value.chunk}`] = bytes.toString("hex");
       }
+      if (channel.topic.endsWith("/inspect")) {
+        const force = value.bridge_force;
+        const bytes = Buffer.from(force.buffer, force.byteOffset, force.byteLength);
+        result.inspected.push([value.cell, value.name, value.header.frame_id, bytes.toString("hex")]);
+      }
+      if (value.encoding !== undefined) result.images[channel.topic] = Buffer.from(value.data).toString("hex");
     }
     await file.close();
   }

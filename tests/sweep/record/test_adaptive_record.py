@@ -132,7 +132,7 @@ def test_a_recorder_that_is_started_again_knows_the_rounds_from_the_latest_plan(
     session.commit(time.time_ns())
     session.abandon()
     data = recording.plan(SWEEP, states=np.zeros(blocks.count, np.uint8), rounds=blocks.announce())
-    again = Session(tmp_path / "run", cdr.decode("Plan", data), data, recording.NAMES, "8" * 16, time.time_ns())
+    again = Session(tmp_path / "run", cdr.decode("Plan", data), data, "8" * 16, time.time_ns())
     take(again, blocks, range(blocks.count))
     assert len(again.stored) == 3 * SWEEP.chunks * blocks.count
     assert again.stored.duplicates == 3 * SWEEP.chunks * first.count

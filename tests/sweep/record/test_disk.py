@@ -98,8 +98,8 @@ def test_part_of_a_block_is_not_receipted(session) -> None:
 def test_without_sync_the_receipt_comes_with_the_commit(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(os, "fdatasync", lambda _: pytest.fail("nothing is synced"))
     data = recording.plan(SWEEP)
-    names, now = recording.NAMES, time.time_ns()
-    session = Session(tmp_path / "run", cdr.decode("Plan", data), data, names, "7" * 16, now, sync=False)
+    now = time.time_ns()
+    session = Session(tmp_path / "run", cdr.decode("Plan", data), data, "7" * 16, now, sync=False)
     send(session, 1)
     assert blocks_on_disk(session) == [(1, 1)]
     session.abandon()

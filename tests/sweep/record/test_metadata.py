@@ -52,7 +52,7 @@ def without_silent_topics(text):
 
 ALIKE = {
     "a comment": lambda text: "# copied from the lab\n" + text,
-    "custom data": lambda text: text.replace("custom_data: ~", "custom_data: {note: good}"),
+    "custom data": lambda text: text.replace("custom_data:\n", "custom_data:\n    note: good\n"),
     "lines of Windows": lambda text: text.replace("\n", "\r\n"),
     "another order": reordered,
     "another distribution": lambda text: text.replace("ros_distro: jazzy", "ros_distro: rolling"),
@@ -122,11 +122,13 @@ def test_what_is_no_metadata_is_set_aside_and_written_anew(run, content):
 
 def test_what_others_wrote_is_kept_when_a_file_is_added(run):
     path = run / "bag" / METADATA
-    path.write_text(path.read_text().replace("custom_data: ~", "custom_data: {note: good, by: [me, you]}\n  lab: 12"))
+    ours = parse(path.read_bytes())["custom_data"]
+    text = path.read_text().replace("custom_data:\n", "custom_data:\n    note: good\n    by: [me, you]\n")
+    path.write_text(text.replace("  ros_distro", "  lab: 12\n  ros_distro"))
     again = recording.session(run, SWEEP, epoch=2)
     recording.finish(again, SWEEP, epoch=2)
     info = parse(path.read_bytes())
-    assert info["custom_data"] == {"note": "good", "by": ["me", "you"]}
+    assert info["custom_data"] == {"note": "good", "by": ["me", "you"], **ours}
     assert info["lab"] == 12
     assert info["relative_file_paths"] == ["bag_0.mcap", "bag_1.mcap"]
     assert verify(run)["ok"]

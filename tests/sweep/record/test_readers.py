@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 import recording
 import yaml
+from builtin_interfaces.msg import Time
+from example_maps import basin_map
 from mcap.reader import make_reader
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
+from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from bow_sim.protocol import cdr
+from bow_sweep.coordinator.standard_messages import image_message, regimes_message
 from bow_sweep.record.bag import METADATA, bag_files
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.schema import SchemaError, definition, type_hash
@@ -25,6 +29,15 @@ from bow_sweep.record.verify import verify
 
 SWEEP = recording.small_sweep()
 NPM = ("@mcap/core", "@foxglove/rosmsg", "@foxglove/rosmsg2-serialization")
+
+
+INSPECTED = recording.inspected(recording.chunks(SWEEP, 0)[1])
+
+
+def pictures():
+    """The images of a map of 4 x 3 cells, by topic."""
+    values, stamp = basin_map(4, 3), Time(sec=7)
+    return {"basin_map/image": image_message(values, stamp), "basin_map/regimes": regimes_message(values, stamp)}
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +53,9 @@ def continued(tmp_path_factory):
     second = recording.session(run, SWEEP, epoch=2)
     for topic, data in everything:
         second.take(topic, data, 3_000)
+    second.take("inspect", INSPECTED, 3_500)
+    for topic, image in pictures().items():
+        second.take(topic, serialize_message(image), 3_600)
     recording.finish(second, SWEEP, epoch=2)
     assert len(bag_files(run / "bag")) == 2
     return run
@@ -73,6 +89,20 @@ LAYERS = {
 }
 
 
+def what_tools_show_is_there(found):
+    """Assert that the inspected cell and the images, as objects, are what was recorded."""
+    (shown,), values = found["inspect"], cdr.decode("InspectedCell", INSPECTED)
+    assert (shown.cell, shown.name, shown.run_id) == (values["cell"], values["name"], recording.RUN)
+    assert shown.header.frame_id == "bow"
+    for name in ("periods", "bridge_force"):
+        assert np.asarray(getattr(shown, name), np.float32).tobytes() == values[name].tobytes()
+    for topic, image in pictures().items():
+        (given,) = found[topic]
+        assert (given.encoding, given.height, given.width) == (image.encoding, 3, 4)
+        assert (given.header.frame_id, given.header.stamp.sec) == ("basin_map", 7)
+        assert bytes(given.data) == bytes(image.data)
+
+
 def test_rosbags_reads_every_topic(continued):
     with AnyReader([continued / "bag"]) as reader:
         assert {c.topic for c in reader.connections} == set(recording.NAMES.values())
@@ -81,6 +111,7 @@ def test_rosbags_reads_every_topic(continued):
             found[short_name(connection.topic)].append(reader.deserialize(data, connection.msgtype))
     for topic, names in LAYERS.items():
         same_as_kernel(found[topic], topic, names)
+    what_tools_show_is_there(found)
     assert [plan.state for plan in found["plan"]] == [1, 1, 2]
     assert sum(len(receipt.kind) for receipt in found["receipts"]) >= 24
 
@@ -141,6 +172,7 @@ def test_mcap_ros2_support_reads_every_topic(continued):
             assert reader.get_header().profile == "ros2"
             for _, channel, _, message in reader.iter_decoded_messages():
                 found[short_name(channel.topic)].append(message)
+    what_tools_show_is_there(found)
     for topic, names in LAYERS.items():
         same_as_kernel(found[topic], topic, names)
 
@@ -219,3 +251,7 @@ def test_mcap_core_reads_every_topic(continued, tmp_path):
         for chunk, messages in enumerate(recording.chunks(SWEEP, block)):
             data = cdr.decode("BridgeForce", messages.bridge_force)["data"]
             assert result["data"][f"{block},{chunk}"] == data.tobytes().hex()
+    shown = cdr.decode("InspectedCell", INSPECTED)
+    assert result["inspected"] == [[shown["cell"], shown["name"], "bow", shown["bridge_force"].tobytes().hex()]]
+    images = {recording.NAMES[topic]: bytes(image.data).hex() for topic, image in pictures().items()}
+    assert result["images"] == images

@@ -132,7 +132,6 @@ def changed(topic, **fields):
     return cdr.encode(name, {**cdr.decode(name, getattr(CHUNK, topic)), **fields})
 
 
-FORCE = cdr.decode("BridgeForce", CHUNK.bridge_force)
 RUBBISH = {
     "another run": ("bridge_force", changed("bridge_force", run_id="f" * 16), "should be of run"),
     "another sweep": ("stick_slip", changed("stick_slip", sweep_id="f" * 16), "should be of run"),
@@ -155,7 +154,7 @@ RUBBISH = {
     "a message cut short": ("stick_slip", CHUNK.stick_slip[:100], ""),
     "nothing": ("verdicts", b"", "not with plain little-endian CDR"),
     "no map": ("basin_map", b"\x00\x01\x00\x00", ""),
-    "an inspected cell of another run": ("inspect", changed("bridge_force", run_id="f" * 16), "this is run"),
+    "an inspected cell of another run": ("inspect", recording.inspected(CHUNK, run_id="f" * 16), "this is run"),
 }
 
 
@@ -200,14 +199,17 @@ def test_rubbish_is_counted_whatever_it_is(fuzzed, topic, data):
         assert fuzzed.ignored == before + 1
 
 
-ATTEMPT = 4 + 4 + 17 + 3 + 4 + 17 + 3 + 8
-"""Offset of the attempt: after encapsulation, two strings of 16 characters, block and chunk."""
+RUN_ID = 4 + 8 + 4 + 4
+"""Offset of the run: after encapsulation, stamp and frame_id."""
 
-PADDING = {*range(25, 28), *range(49, 52), *range(ATTEMPT + 25, ATTEMPT + 32)}
+ATTEMPT = RUN_ID + 4 + 17 + 3 + 4 + 17 + 3 + 8
+"""Offset of the attempt: after two strings of 16 characters, block and chunk."""
+
+PADDING = {*range(RUN_ID + 21, RUN_ID + 24), *range(RUN_ID + 45, RUN_ID + 48), *range(ATTEMPT + 25, ATTEMPT + 32)}
 """Padding after a string, up to the next aligned field: CDR leaves its bytes open."""
 
-UNSEALED = {2, 3} | PADDING | {*range(ATTEMPT, ATTEMPT + 4), *range(ATTEMPT + 8, ATTEMPT + 24)}
-"""Options and padding of CDR, which readers ignore; attempt and incarnation, which are not part of the checksum."""
+UNSEALED = {2, 3} | PADDING | {*range(4, RUN_ID)} | {*range(ATTEMPT, ATTEMPT + 4), *range(ATTEMPT + 8, ATTEMPT + 24)}
+"""Options and padding of CDR, which readers ignore; header, attempt and incarnation, which the checksum leaves out."""
 
 
 @pytest.mark.parametrize("bit", [0, 7])
@@ -224,7 +226,7 @@ def test_every_byte_that_says_something_of_the_chunk_is_checked(fuzzed, bit):
 
 
 def test_cells_under_inspection_and_maps_are_recorded_as_they_come(session, tmp_path):
-    shown = cdr.encode("BridgeForce", {**FORCE, "cells": FORCE["cells"][:1], "data": FORCE["data"][:695]})
+    shown = recording.inspected(CHUNK)
     for _ in range(2):
         take(session, "inspect", shown)
     recording.finish(session, SWEEP)
@@ -257,7 +259,7 @@ def test_a_run_that_is_closed_stays_closed_until_it_is_opened_again(tmp_path):
     recording.record(run, SWEEP)
     closing = recording.plan(SWEEP, PlanState.CLOSED)
     with pytest.raises(AlreadyClosedError):
-        Session(run, cdr.decode("Plan", closing), closing, recording.NAMES, "7" * 16, 0)
+        Session(run, cdr.decode("Plan", closing), closing, "7" * 16, 0)
     again = recording.session(run, SWEEP, epoch=2)
     recording.finish(again, SWEEP, epoch=2)
     assert len(bag_files(run / "bag")) == 2
@@ -272,7 +274,7 @@ def test_a_directory_of_another_run_is_refused(tmp_path, recorded):
     data = recording.plan(SWEEP, run="f" * 16)
     size = sum(path.stat().st_size for path in (recorded / "bag").iterdir())
     with pytest.raises(BagError, match="it needs a directory of its own"):
-        Session(recorded, cdr.decode("Plan", data), data, recording.NAMES, "7" * 16, 0)
+        Session(recorded, cdr.decode("Plan", data), data, "7" * 16, 0)
     assert sum(path.stat().st_size for path in (recorded / "bag").iterdir()) == size
 
 
@@ -352,7 +354,8 @@ def test_the_head_of_a_message_is_what_wire_reads():
         name = STORED_ONCE[topic]
         values = cdr.decode(name, data)
         head = cdr.decode_head(name, data)
-        assert list(head) == [*cdr.Identity._fields, "incarnation", "checksum"]
+        identity = [*cdr.Identity._fields, "incarnation", "checksum"]
+        assert list(head) == [*(field for field in values if "stamp" in field or "frame_id" in field), *identity]
         assert head == {field: values[field] for field in head}
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from bow_msgs.msg import BasinMap, BridgeForce, Health, Plan
+from bow_msgs.msg import BasinMap, Health, InspectedCell, Plan
 from example_maps import RUN, basin_map, inspection, plan
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -37,7 +37,7 @@ class Graph:
         self.node = rclpy.create_node("coordinator", namespace=NAMESPACE, context=self.context, enable_rosout=False)
         self.plans = self.node.create_publisher(Plan, "plan", LATCHED)
         self.maps = self.node.create_publisher(BasinMap, "basin_map", LATCHED)
-        self.inspections = self.node.create_publisher(BridgeForce, "inspect", INSPECT)
+        self.inspections = self.node.create_publisher(InspectedCell, "inspect", INSPECT)
         self.healths = self.node.create_publisher(Health, "health", LATCHED)
         self.heard: list[Health] = []
         self.node.create_subscription(Health, "health", self._on_health, LATCHED)
@@ -127,7 +127,8 @@ def test_a_whole_sweep_ends_in_a_finished_file(graph, tmp_path):
         Health(role="simulator", node=f"{NAMESPACE}/simulator_7", state=Health.BUSY, detail="block 1")
     )
     for chunk in range(4):
-        graph.inspections.publish(inspection([3, 17], chunk))
+        for cell in (3, 17):
+            graph.inspections.publish(inspection(cell, chunk))
     for computed in (8, 16, 24, 32):
         graph.map(computed)
         graph.plan(done=computed // 8)
@@ -212,7 +213,7 @@ def test_the_network_gives_no_path_and_no_rubbish(graph, tmp_path):
     graph.plan(2)  # over before we came: nothing to show
     graph.plan()
     graph.until_state(Health.BUSY)
-    spoilt = bytearray(inspection([3], 0))
+    spoilt = bytearray(inspection(3, 0))
     spoilt[-1] ^= 1
     graph.inspections.publish(bytes(spoilt))
     graph.until(lambda: graph.heard[-1].ignored >= 3, "the wrong checksum to be ignored")

@@ -104,8 +104,8 @@ def test_messages_of_another_run_are_ignored_and_counted(live):
     live.map(basin_map(run="f" * 16))
     live.map({**basin_map(), "sweep_id": "other"})
     live.map({**basin_map(), "slips": np.zeros(3, np.uint16)})
-    live.inspect(cdr.unseal("BridgeForce", inspection([3], 0, run="f" * 16)))
-    live.inspect(cdr.unseal("BridgeForce", inspection([99], 0)))
+    live.inspect(cdr.unseal("InspectedCell", inspection(3, 0, run="f" * 16)))
+    live.inspect(cdr.unseal("InspectedCell", inspection(99, 0)))
     live.plan(plan(CLOSED, epoch=0))
     live.plan({**plan(CLOSED), "rounds": np.ones(32, np.uint8)})  # the sweep is not adaptive
     assert live.ignored == 7
@@ -114,7 +114,8 @@ def test_messages_of_another_run_are_ignored_and_counted(live):
 
 
 def test_inspected_cells_are_shown(live):
-    live.inspect(cdr.unseal("BridgeForce", inspection([3, 17], 0)))
+    for cell in (3, 17):
+        live.inspect(cdr.unseal("InspectedCell", inspection(cell, 0)))
     assert live.recording.scope.cells == [3, 17]
     assert live.ignored == 0
 

@@ -33,9 +33,9 @@ def recording(path: Path, **options) -> RunRecording:
 
 
 def show_waveform(shown: RunRecording, cells: list[int], chunk: int) -> np.ndarray:
-    values = cdr.unseal("BridgeForce", inspection(cells, chunk))
-    data = values["data"].reshape(len(cells), -1)
-    shown.waveform(cells, values["first_sample"], data)
+    values = [cdr.unseal("InspectedCell", inspection(cell, chunk)) for cell in cells]
+    data = np.array([one["bridge_force"] for one in values])
+    shown.waveform(cells, values[0]["first_sample"], data)
     return data
 
 

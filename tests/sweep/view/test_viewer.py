@@ -40,7 +40,8 @@ def shown(tmp_path_factory) -> Path:
         show.map(basin_map(16, 8, computed))
         time.sleep(0.05)
     for chunk in range(20):
-        show.inspect(cdr.unseal("BridgeForce", inspection([35, 70], chunk)))
+        for cell in (35, 70):
+            show.inspect(cdr.unseal("InspectedCell", inspection(cell, chunk)))
     show.finish([])
     return show.recording.path
 

@@ -1,0 +1,101 @@
+"""Everything that is shown of one cell, computed once: for the viewer, for a picture, for the terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bow_sim.physics.parameters import FIELDS
+from bow_sweep.cell import analysis
+from bow_sweep.cell.analysis import Harmonics, Spectrum
+from bow_sweep.cell.cell_record import CellRecord
+from bow_sweep.cell.motion import CellMotion, motion
+from bow_sweep.maps.plane import regime_label
+
+SHOWN_PERIODS = 4
+"""Nominal periods at the end of the motion that are shown enlarged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Portrait:
+    """One cell and what follows from its waveform.
+
+    Attributes
+    ----------
+    record
+        The cell.
+    motion
+        The same cell simulated with every waveform; `motion.same` says whether it is the motion of the record.
+    period
+        Period at the end of the motion, samples; None where it has none near the nominal one.
+    spectrum
+        Of the last 20 periods.
+    harmonics
+        Of the same; None without a period.
+    """
+
+    record: CellRecord
+    motion: CellMotion
+    period: float | None
+    spectrum: Spectrum
+    harmonics: Harmonics | None
+
+    @classmethod
+    def of(cls, record: CellRecord) -> Portrait:
+        """Analyse a cell."""
+        force, rate = record.bridge_force, record.sample_rate
+        period = analysis.period_of(force, record.period)
+        return cls(
+            record=record,
+            motion=motion(record),
+            period=period,
+            spectrum=analysis.spectrum(force, rate, period or record.period),
+            harmonics=None if period is None else analysis.harmonics(force, rate, period),
+        )
+
+    @property
+    def last(self) -> slice:
+        """The samples of the last periods, which are shown enlarged."""
+        samples = len(self.record.bridge_force)
+        return slice(max(0, samples - SHOWN_PERIODS * self.record.period), samples)
+
+    def facts(self) -> list[tuple[str, str]]:
+        """Return what is said of the cell in words: (name, text) of each line."""
+        record = self.record
+        tests = record.tests
+        values = ((record.x_name, record.x), (record.y_name, record.y))
+        lines = [(name, f"{value:.6g}{_unit(name)}") for name, value in values]
+        if len(tests.periods):
+            sure = float(tests.confidence[-1])
+            last = regime_label(tests.name()) + ("" if np.isnan(sure) else f", confidence {sure:.2f}")
+            lines.append(("regime at the end", last))
+            lines.append(
+                ("regimes", "; ".join(f"{a}-{b} {regime_label(name)}" for a, b, name in tests.runs()) + " (periods)")
+            )
+        lines.append(("transient", _transient(record.transient_periods)))
+        lines.append(("pitch at the end", self._pitch()))
+        checked = {True: "yes", False: "NO", None: "not possible"}[record.checked]
+        lines.append(("waveform", {"bag": "from the bag", "computed": "computed again"}[record.source]))
+        lines.append(("checked", f"{checked}: {record.why}"))
+        if not self.motion.same:
+            lines.append(("velocities", "of another motion than the bridge force: the kernel here is not the run's"))
+        return lines
+
+    def _pitch(self) -> str:
+        if self.period is None:
+            return "no period near the nominal one"
+        cents = analysis.cents(self.period, self.record.period)
+        return f"{self.record.sample_rate / self.period:.2f} Hz, {cents:+.1f} cents; period {self.period:.3f} samples"
+
+
+def _unit(name: str) -> str:
+    known = FIELDS.get(name)
+    unit = known.metadata["unit"] if known else ""
+    return f" ({unit})" if unit else ""
+
+
+def _transient(periods: float) -> str:
+    if np.isnan(periods):
+        return "not known: the cell was not done in the run"
+    return f"{periods:g} periods" if periods else "never: no Helmholtz motion"
