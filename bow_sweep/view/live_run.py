@@ -224,19 +224,20 @@ class LiveRun:
         Of a run that goes on, only a closed bag is read. A gap that stays is drawn as one at the end of the run.
         """
         over = self._plan["state"] == PlanState.CLOSED
-        problem = ""
+        problems: list[str] = []
         if (over or self._recorder) and (missing := self.recording.missing(self._samples)):
             try:
-                self._take(from_bag(self._directory, self.run_id, missing))
+                self._take(from_bag(self._directory, self.run_id, missing, problems))
             except (CellError, OSError) as error:
-                problem = f": {error}"
+                problems.append(str(error))
         if over and (missing := self.recording.missing(self._samples)):
             self._take(computed_again(self._plan, self._outline, missing))
         if not over:
             return
         for cell, ranges in self.recording.missing(self._samples).items():
             parts = ", ".join(f"{first} to {end - 1}" for first, end in ranges)
-            self._warn(f"the waveform of cell {cell} lacks samples {parts}{problem}")
+            why = f": {problems[0]}" if problems else ""
+            self._warn(f"the waveform of cell {cell} lacks samples {parts}{why}; it cannot be computed again here")
         self.recording.draw_rest()
 
     def _take(self, found: Iterable[Found]) -> None:

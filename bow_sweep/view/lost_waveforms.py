@@ -26,8 +26,15 @@ class Found(NamedTuple):
     force: np.ndarray
 
 
-def from_bag(directory: Path, run_id: str, missing: Mapping[int, Ranges]) -> Iterator[Found]:
+def from_bag(directory: Path, run_id: str, missing: Mapping[int, Ranges], problems: list[str]) -> Iterator[Found]:
     """Yield the chunks in the bag of a run directory that have missing samples.
+
+    Parameters
+    ----------
+    missing
+        Ranges of samples by cell.
+    problems
+        Gets what is wrong with chunks that are left out.
 
     Raises
     ------
@@ -46,7 +53,11 @@ def from_bag(directory: Path, run_id: str, missing: Mapping[int, Ranges]) -> Ite
         samples = bag.outline.chunk_samples
         for cell, ranges in missing.items():
             for chunk in chunks_of(ranges, samples):
-                force = bag.force(cell, chunk)
+                try:
+                    force = bag.force(cell, chunk)
+                except CellError as error:
+                    problems.append(str(error))
+                    continue
                 if force is not None:
                     yield Found(cell, chunk * samples, force)
     finally:

@@ -163,7 +163,7 @@ def contexts(path: Path) -> dict[str, list]:
     return {place: [what[0] for _, what in entries] for place, entries in found.items()}
 
 
-def test_names_and_colours_of_codes_are_logged_once_and_complete_before_any_map(path):
+def test_names_and_colours_of_codes_are_there_for_files_and_for_viewers_complete_before_any_map(path):
     shown = recording(path)
     shown.flush()
     before = contexts(path)
@@ -174,7 +174,13 @@ def test_names_and_colours_of_codes_are_logged_once_and_complete_before_any_map(
     shown.map(snapshot())
     shown.finish()
     assert contexts(path) == before
-    assert {place: len(found) for place, found in before.items()} == dict.fromkeys(before, 1)
+    for place, found in before.items():
+        assert found[0] == found[1], "as static data and on the timelines"
+        times = [when for when, _ in rows(path, place, "AnnotationContext:context")]
+        assert [{name: when[name] for name in when if name != "log_time"} for when in times] == [
+            {},
+            {"sweep": 0, "sample": 0},
+        ]
     known = {entry["class_description"]["info"]["label"] for entry in before["regime"][0]}
     assert {regime_label(name) for name in REGIMES} | {"pending"} <= known
 
