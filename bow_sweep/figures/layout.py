@@ -16,7 +16,8 @@ from matplotlib.ticker import FixedFormatter, FixedLocator
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import transient_colours
-from bow_sweep.maps.plane import MODEL_NAMES, Plane
+from bow_sweep.maps.held_fixed import gesture_of, held_fixed, string_of
+from bow_sweep.maps.plane import Plane
 
 UNIT_DPI = 200
 """Lengths are pixels at this resolution."""
@@ -119,31 +120,29 @@ def label(ax: Axes, plane: Plane, x: str = "", y: str = "") -> None:
             write(title if kind == "full" else title.partition("  ")[2].partition("  (")[0] or title)
 
 
-def titles(plane: Plane) -> tuple[str, str]:
-    """Return the title of a map, and a line with its grid and settings."""
-    given = {name: value for name, value in plane.values.items() if name not in (plane.x_name, plane.y_name)}
-    model = MODEL_NAMES.get(given.get("model", ""), given.get("model", ""))
-    shown = [f"{model} string" if model else "Map of the bowed string"]
-    if "v_mid" in given:
-        shown.append(rf"$v_\mathrm{{mid}}$ = {_short(given['v_mid'])}")
+MADE_LETTERS = 115
+"""Letters in a line below the title of a map."""
+
+
+def titles(plane: Plane) -> tuple[str, list[str]]:
+    """Return the title of a map, and lines with its grid and with what is the same in all cells."""
+    held = held_fixed(plane)
+    title = [string_of(plane), *(each.line(mathematics=True) for each in held if each.name == "v_mid")]
     ny, nx = plane.shape
     made = [f"{nx} \u00d7 {ny} gestures", f"{plane.periods:g} periods each"]
-    if "adaptive" in given:
-        made.append(f"{percent(float(given['adaptive']))} simulated at most, the rest predicted")
-    if {"bow_bridge", "period"} <= set(given):
-        made.append(rf"$\beta$ = {given['bow_bridge']}/{given['period']}")
-    if "tau_f" in given:
-        made.append(rf"$\tau_f$ = {_short(given['tau_f'])} samples")
-    if {"mu_s", "mu_d"} <= set(given):
-        made.append(rf"$\mu_s$, $\mu_d$ = {_short(given['mu_s'])}, {_short(given['mu_d'])}")
-    return ", ".join(shown), "  \u00b7  ".join(made)
-
-
-def _short(number: str) -> str:
-    try:
-        return f"{float(number):g}".replace("-", "\u2212")
-    except ValueError:
-        return number
+    if gesture := gesture_of(plane):
+        made.insert(1, gesture)
+    if "adaptive" in plane.values:
+        made.append(f"{percent(float(plane.values['adaptive']))} simulated at most, the rest predicted")
+    rest = [each for each in held if each.name != "v_mid"]
+    widths = [*map(len, made), *(len(each.line()) for each in rest)]
+    lines, used = [made[0]], widths[0]
+    for part, width in zip([*made[1:], *(each.line(mathematics=True) for each in rest)], widths[1:], strict=True):
+        if used + width + 5 <= MADE_LETTERS:
+            lines[-1], used = f"{lines[-1]}  \u00b7  {part}", used + width + 5
+        else:
+            lines, used = [*lines, part], width
+    return ", ".join(title), lines
 
 
 def percent(part: float, whole: float = 1.0) -> str:

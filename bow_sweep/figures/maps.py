@@ -30,6 +30,9 @@ MAP_PIXELS = (1280, 640)
 PANEL_PIXELS = (768, 384)
 """Size of each of several maps in a picture."""
 
+LINE_PITCH = 34
+"""Distance of two lines of text below a title, pixels."""
+
 WHITE = (255, 255, 255)
 
 PANELS = {
@@ -46,12 +49,13 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
     with style():
         width, height = cell_pixels(plane, MAP_PIXELS, dpi)
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
-        left, top = 155, 150
+        title, made = titles(plane)
+        left, top = 155, 116 + LINE_PITCH * len(made)
         below = top + height + 180
         layout = Layout(left + width + 420, below + small[1] + 125, dpi)
-        title, made = titles(plane)
         layout.text(left, 62, title, fontsize=13, fontweight="bold")
-        layout.text(left, 112, made, color=MUTED)
+        for number, line in enumerate(made):
+            layout.text(left, 112 + number * LINE_PITCH, line, color=MUTED)
         share = f"Helmholtz motion in {percent(plane.helmholtz_fraction())} of the plane"
         layout.text(layout.width - 40, 62, share, fontsize=9.5, ha="right")
         ax = layout.axes(left, top, width, height)
@@ -135,11 +139,12 @@ def tests_figure(plane: Plane, layers: Mapping[str, np.ndarray], periods: int, d
     """Return the paper's Fig 10: the results of the three tests and whether all passed, (ny, nx) each."""
     with style():
         width, height = cell_pixels(plane, PANEL_PIXELS, dpi)
-        left, top, across, down = 135.0, 185.0, width + 300, height + 165
-        layout = Layout(left + across + width + 190, top + down + height + 120, dpi)
         title, made = titles(plane)
+        left, top, across, down = 135.0, 151.0 + LINE_PITCH * len(made), width + 300, height + 165
+        layout = Layout(left + across + width + 190, top + down + height + 120, dpi)
         layout.text(left, 58, f"{title}: the tests after {periods} periods", fontsize=13, fontweight="bold")
-        layout.text(left, 106, made, color=MUTED)
+        for number, line in enumerate(made):
+            layout.text(left, 106 + number * LINE_PITCH, line, color=MUTED)
         not_computed = plane.mask() == NOT_COMPUTED
         for number, (name, words) in enumerate(PANELS.items()):
             row, column = divmod(number, 2)

@@ -16,8 +16,15 @@ TITLES = {
     "f_init_ratio": "initial / asymptotic bow force",
     "v_mid": "string speed where friction is midway",
     "tau_f": "time constant of the bow force",
+    "tau_v": "time constant of the bow speed",
+    "acceleration": "rise of the bow speed",
+    "bow_bridge": "round trip from bow to bridge",
+    "stiffness_b": "bending stiffness",
+    "torsion_width": "width of torsional reflections",
+    "corner_width": "width of the reflections",
+    "bridge_w_c": "corner of Cremer's bridge K/R",
 }
-"""Titles of axes; other parameters have their own description as title."""
+"""Titles of axes; other parameters have the first words of their own description as title."""
 
 SYMBOLS = {
     "f_asym": r"$f_\mathrm{asym}$",
@@ -123,7 +130,7 @@ class PlotAxis:
             "name=value" of the sweep: the unit of bow force depends on bow speed and admittance.
         """
         known = FIELDS.get(self.name)
-        words = TITLES.get(self.name) or (known.metadata["doc"] if known else self.name)
+        words = TITLES.get(self.name) or (known.metadata["doc"].partition(";")[0] if known else self.name)
         if mathematics:
             symbol = SYMBOLS.get(self.name, self.name.replace("_", " ") if known is None else self.name)
         else:
@@ -139,7 +146,7 @@ class PlotAxis:
             given = dict(setting.partition("=")[::2] for setting in settings)
             speed, admittance = (_tidy(given.get(key, usual)) for key, usual in (("v_b", "1"), ("y_t", "2")))
             names = (r"$v_b = ", r"$Y_T = ", "$") if mathematics else ("v_b = ", "Y_T = ", "")
-            return f"units of the string: {names[0]}{speed}{names[2]}, {names[1]}{admittance}{names[2]}"
+            return f"units: {names[0]}{speed}{names[2]}, {names[1]}{admittance}{names[2]}"
         known = FIELDS.get(self.name)
         return str(known.metadata["unit"]) if known else ""
 

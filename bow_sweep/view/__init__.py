@@ -4,6 +4,8 @@ node             the dashboard node
 live_run         one run: what is drawn, and when
 rerun_recording  a sweep as a rerun recording
 map_layers       axes, colours, pictures and counts of a map in a recording
+codes            which number each cell has in each picture, and what it means
+tests_over_time  every test of every cell, for the timeline `test`
 blueprint        the layout of the views in the viewer
 decorations      frame, ticks, labels and colour scales of a map
 pieces           which samples of a waveform are recorded

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from bow_sweep.maps.plane import TEST_LAYERS
-from bow_sweep.view.decorations import Decorations
-from bow_sweep.view.scope import MARGIN, MOST, ROW, WIDTH, trace_name
+from bow_sweep.view.decorations import LEGEND_HEIGHT, LEGEND_WIDTH, Decorations
+from bow_sweep.view.scope import ROW, WIDTH, trace_name
 
 GROUND = (24, 26, 30)
 """Background of maps: dark in both themes of the viewer, because the labels are light."""
+
+UNSEEN = rrb.PlotLegend(visible=False)
+"""A legend of the viewer covers the lines that it names; titles and a view beside the plot name them instead."""
+
+FEWEST = 2
+"""Rows that the view of inspected cells has at least."""
 
 TEST_TITLES = {
     "correlation": "Test 1: correlation of successive periods",
@@ -43,7 +49,7 @@ def send(blueprint: rrb.Blueprint, application: str, record: rr.RecordingStream)
     stream.disconnect()
 
 
-def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb.Blueprint:
+def arrange(decorations: Mapping[str, Decorations], cells: Mapping[int, str], pointed: bool = True) -> rrb.Blueprint:
     """Return the layout: a tab for the sweep, one for the tests, one for terrain and one for waveforms.
 
     Parameters
@@ -51,51 +57,60 @@ def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb
     decorations
         Decorations of each map by entity path; a view shows their bounds at first.
     cells
-        The inspected cells; `MOST` of them have a row.
+        The inspected cells that have a row, and what they are called.
+    pointed
+        Whether maps have cells that the mouse can point at; else it points at the pixels of the picture.
     """
+
+    def plane(origin: str, name: str) -> rrb.Spatial2DView:
+        return _plane(origin, name, decorations[origin], pointed)
+
     sweep = rrb.Horizontal(
         rrb.Vertical(
-            _plane("map", "Transient length: the brighter, the sooner Helmholtz motion", decorations),
+            plane("map", "Transient length: the brighter, the sooner Helmholtz motion"),
             rrb.Horizontal(
                 rrb.TimeSeriesView(
-                    origin="counts", name="Cells by their regime at the latest test", plot_legend=rrb.Corner2D.RightTop
+                    origin="counts", name="Cells by their regime at the latest test", plot_legend=UNSEEN
                 ),
-                rrb.TimeSeriesView(
-                    origin="progress/cells_per_second",
-                    name="Cells per second",
-                    plot_legend=rrb.PlotLegend(visible=False),
-                ),
-                column_shares=[3, 2],
+                _scene("legend", "Regimes", (0.0, LEGEND_WIDTH), (0.0, LEGEND_HEIGHT)),
+                rrb.BarChartView(origin="lengths", name="Cells by transient length, periods", plot_legend=UNSEEN),
+                column_shares=[4, 3, 3],
             ),
             row_shares=[5, 2],
         ),
         rrb.Vertical(
             rrb.TextDocumentView(origin="account", name="Accounts"),
-            _scope(len(cells)),
+            _scene(
+                "scope",
+                "Bridge force of inspected cells, latest five periods",
+                (-4.0, WIDTH + 4),
+                (-2.0, max(len(cells), FEWEST) * ROW + 2),
+            ),
             row_shares=[3, 2],
         ),
         column_shares=[5, 2],
         name="Sweep",
     )
     tests = rrb.Grid(
-        *(_plane(f"tests/{name}", TEST_TITLES[name], decorations, "/tests/pending") for name in TEST_LAYERS),
-        _plane("regime", "Regime at the latest test", decorations),
+        *(plane(f"tests/{name}", TEST_TITLES[name]) for name in TEST_LAYERS),
+        plane("regime", "Regime at the latest test"),
         grid_columns=2,
         name="Tests and regimes",
     )
     terrain = rrb.Horizontal(
-        _plane("terrain", "Terrain (section IV.B), when the sweep has ended", decorations),
+        plane("terrain", "Terrain (section IV.B), when the sweep has ended"),
         rrb.TextDocumentView(origin="playability", name="Playability"),
         column_shares=[5, 2],
         name="Terrain and playability",
     )
     waves: list[rrb.View] = [
-        rrb.TimeSeriesView(origin=f"waveform/{trace_name(cell)}", name=f"Bridge force of cell {cell}") for cell in cells
+        rrb.TimeSeriesView(origin=f"waveform/{trace_name(cell)}", name=f"Bridge force of {name}", plot_legend=UNSEEN)
+        for cell, name in cells.items()
     ]
     waveforms = rrb.Grid(
         *(waves or (rrb.TextDocumentView(origin="waveform/help", name="Bridge force"),)),
         grid_columns=1 if len(cells) < 4 else 2,
-        name="Waveforms (choose the timeline “sample” below)",
+        name="Waveforms",
     )
     return rrb.Blueprint(
         rrb.Tabs(sweep, tests, terrain, waveforms, active_tab=0),
@@ -107,20 +122,24 @@ def arrange(decorations: Mapping[str, Decorations], cells: Sequence[int]) -> rrb
     )
 
 
-def _plane(origin: str, name: str, decorations: Mapping[str, Decorations], *also: str) -> rrb.Spatial2DView:
-    bounds = None
-    if origin in decorations:
-        (left, right), (top, bottom) = decorations[origin].bounds
-        bounds = rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom))
-    contents = ["$origin/**", *also]
-    return rrb.Spatial2DView(origin=origin, contents=contents, name=name, background=GROUND, visual_bounds=bounds)
-
-
-def _scope(rows: int) -> rrb.Spatial2DView:
-    bounds = rrb.VisualBounds2D(x_range=(-4, WIDTH + MARGIN), y_range=(-2, max(MOST, rows) * ROW + 2))
+def _plane(origin: str, name: str, decorations: Decorations, pointed: bool) -> rrb.Spatial2DView:
+    (left, right), (top, bottom) = decorations.bounds
+    still = rrb.EntityBehavior(interactive=False)
     return rrb.Spatial2DView(
-        origin="scope",
-        name="Bridge force of inspected cells, latest five periods",
+        origin=origin,
+        name=name,
+        background=GROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=(left, right), y_range=(top, bottom)),
+        overrides={f"{origin}/{part}": still for part in ("axes", "inspected", *(["picture"] if pointed else []))},
+    )
+
+
+def _scene(origin: str, name: str, x: tuple[float, float], y: tuple[float, float]) -> rrb.Spatial2DView:
+    bounds = rrb.VisualBounds2D(x_range=x, y_range=y)
+    return rrb.Spatial2DView(
+        origin=origin,
+        name=name,
         background=GROUND,
         visual_bounds=bounds,
+        overrides={origin: rrb.EntityBehavior(interactive=False)},
     )

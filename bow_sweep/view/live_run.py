@@ -21,6 +21,7 @@ from bow_sweep.maps.terrain import terrain
 from bow_sweep.view.lost_waveforms import Found, computed_again, from_bag
 from bow_sweep.view.rerun_recording import RunRecording
 from bow_sweep.view.status_page import NodeStatus, is_complete, page, playability_page, with_block_states
+from bow_sweep.view.tests_over_time import finished_map
 
 FILE = "dashboard.rrd"
 
@@ -216,6 +217,7 @@ class LiveRun:
         self._complete_waveforms()
         self._write_status(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
         self._terrain()
+        self._tests()
         self.recording.finish()
 
     def _complete_waveforms(self) -> None:
@@ -247,6 +249,13 @@ class LiveRun:
     def close(self) -> None:
         """Close the file of a run that goes on."""
         self.recording.close()
+
+    def _tests(self) -> None:
+        """Draw every test, if the run is over."""
+        if self._plan["state"] == PlanState.CLOSED:
+            result = finished_map(self._directory, self.recording.snapshot)
+            if result is not None:
+                self.recording.tests(result)
 
     def _terrain(self) -> None:
         shown = self.recording.snapshot

@@ -1,7 +1,8 @@
 """A sweep as a rerun recording: the growing map, its tests, counts, waveforms and status.
 
-There are two timelines. On `sweep`, seconds since the recording began, the map grows. On `sample` the waveforms are
-drawn and the map does not change. A view shows only data on the active timeline.
+There are three timelines. On `sweep`, seconds since the recording began, the map grows. On `sample` the waveforms are
+drawn and the map does not change. On `test` the map is what it was after 5, 10 ... periods. A view shows only data on
+the active timeline; so waveforms are on `sweep` too, in seconds since the start of the gesture.
 """
 
 from __future__ import annotations
@@ -20,11 +21,14 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk, RrdReader
 from rerun.error_utils import RerunWarning
 
+from bow_sim.physics.parameters import FIELDS
+from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.blueprint import NO_CELLS, arrange, send
-from bow_sweep.view.map_layers import ABOVE, CONTEXT, THIN, MapLayers, texts
+from bow_sweep.view.map_layers import ABOVE, CONTEXT, SEQUENCES, THIN, MapLayers, texts
 from bow_sweep.view.pieces import Piece, Pieces
-from bow_sweep.view.scope import Scope, trace_name
+from bow_sweep.view.scope import Scope, name_of, trace_name
+from bow_sweep.view.tests_over_time import at_each_test, confidence_words
 from bow_sweep.view.viewer import answers
 
 APPLICATION = "bow"
@@ -93,6 +97,8 @@ class RunRecording:
         self._arrange()
         self._continue_file()
         self._record.log("waveform/help", rr.TextDocument(NO_CELLS, media_type=rr.MediaType.MARKDOWN), static=True)
+        self._now(among_samples=True)
+        self._layers.say()
         self.map(snapshot)
         self._flush()
         aside.replace(path)  # the sink has the file open and goes on writing
@@ -134,19 +140,18 @@ class RunRecording:
         self._pieces.recall(cell, samples[np.isfinite(values)])
 
     def _now(self, *, among_samples: bool = False) -> None:
-        """Set the time of what is logged next; maps are also at sample 0, so that the timeline `sample` shows them."""
+        """Set the time of what is logged next; maps are also at sample 0 and test 0: those timelines show them too."""
         self._record.reset_time()
         self._record.set_time("sweep", duration=time.time() - self._began)
         if among_samples:
-            self._record.set_time("sample", sequence=0)
+            for name in SEQUENCES:
+                self._record.set_time(name, sequence=0)
 
     def map(self, snapshot: Snapshot) -> None:
         """Log a map."""
         self.snapshot = snapshot
         self._now(among_samples=True)
-        self._layers.pictures(snapshot)
-        self._now()
-        self._layers.counts(snapshot, self.rate(snapshot.done))
+        self._layers.show(snapshot)
 
     def rate(self, done: int) -> float:
         """Return the cells done per second over the last `RATE_WINDOW_S`."""
@@ -159,7 +164,8 @@ class RunRecording:
         send(self._blueprint(), APPLICATION, self._record)
 
     def _blueprint(self) -> rrb.Blueprint:
-        return arrange(self._layers.decorations, self.scope.cells)
+        cells = {cell: name_of(self.snapshot, cell) for cell in self.scope.cells}
+        return arrange(self._layers.decorations, cells, pointed=self._layers.radius > 0)
 
     def waveform(self, cells: Sequence[int], first_sample: int, data: np.ndarray) -> None:
         """Take a chunk of the bridge force of inspected cells; :meth:`draw_waveforms` draws it.
@@ -217,16 +223,30 @@ class RunRecording:
             values.append(piece.force)
         self._record.send_columns(
             path,
-            indexes=[rr.TimeColumn("sample", sequence=np.concatenate(samples))],
+            indexes=self._times(np.concatenate(samples)),
             columns=rr.Scalars.columns(scalars=np.concatenate(values)),
         )
         self._now(among_samples=True)
         log(f"scope/{trace.name}/curve", rr.LineStrips2D([trace.curve], colors=trace.colour, radii=THIN))
 
+    def _times(self, samples: np.ndarray) -> list[rr.TimeColumn]:
+        """Return the times of samples: their number, and their seconds on the timeline on which the viewer opens."""
+        rate = float(self.snapshot.values.get("sample_rate", FIELDS["sample_rate"].default))  # type: ignore[arg-type]
+        return [rr.TimeColumn("sample", sequence=samples), rr.TimeColumn("sweep", duration=samples / rate)]
+
     def status(self, text: str) -> None:
         """Log the status page, Markdown."""
         self._now(among_samples=True)
         self._record.log("account", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+    def tests(self, result: MapFile) -> None:
+        """Log every test of every cell on the timeline `test`, and how sure the regimes are."""
+        self._layers.show_tests(at_each_test(result))
+        words = confidence_words(result)
+        self._now()
+        self._record.set_time("sample", sequence=0)
+        self._record.set_time("test", sequence=int(result.test_periods[-1]))
+        self._layers.say(words)
 
     def terrain(self, codes: np.ndarray, text: str) -> None:
         """Log the terrain of the map, (ny, nx) codes, and its playability, Markdown."""

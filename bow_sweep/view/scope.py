@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bow_sweep.maps.held_fixed import cell_name
 from bow_sweep.maps.plane import Plane
-from bow_sweep.view.decorations import unit_of
+from bow_sweep.view.decorations import HEIGHT, LINE, cell_centres, cell_size
 
 MOST, MOST_CHOSEN = 6, 12
 """Number of cells shown of those that simulators publish, more would be too small to read; of those that somebody has
@@ -23,8 +24,12 @@ COLOURS = (
 )
 """Colours of the cells, different from viridis and from each other."""
 
-WIDTH, ROW, SWING, MARGIN = 128.0, 22.0, 9.0, 80.0
-"""Width of a chunk, distance of two rows, amplitude of a curve, and width of the margin for captions on the right."""
+WIDTH, ROW, SWING, CAPTION = 240.0, 32.0, 9.0, 11.0
+"""Width of a chunk, distance of two rows, amplitude of a curve, and height of the caption above it, in units of its
+view; at the usual size of the view two pixels are one unit."""
+
+LETTER, PADDING = 3.3, 8.0
+"""Width of a letter of a caption, and of its two margins, units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +41,7 @@ class Trace:
     name
         Last part of an entity path.
     label, caption
-        The cell and its parameters as text, for a legend and beside the curve.
+        The cell and its parameters as text, for a legend and above the curve.
     curve
         (samples, 2) points; y points down.
     corner
@@ -112,23 +117,24 @@ class Scope:
         """
         row = self.cells.index(cell)
         low, high = float(np.min(force)), float(np.max(force))
-        middle = row * ROW + ROW / 2
+        middle = row * ROW + (CAPTION + ROW) / 2
         swing = (force - (low + high) / 2) / max(high - low, 1e-9) * 2 * SWING
         curve = np.column_stack([np.linspace(0, WIDTH, len(force)), middle - swing]).astype(np.float32)
         label = name_of(plane, cell)
-        iy, ix = divmod(cell, plane.shape[1])
-        x, y, half = ix + 0.5, plane.shape[0] - iy - 0.5, 0.5 + unit_of(plane)
-        corners = [(x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)]
+        caption = f"{row + 1}   {label.partition(': ')[2] or label}"
+        x, y = cell_centres(plane)[cell].tolist()
+        wide, high = (size / 2 + 1 for size in cell_size(plane))  # one unit around the cell
+        corners = [(x - wide, y - high), (x + wide, y - high), (x + wide, y + high), (x - wide, y + high)]
         return Trace(
             number=row + 1,
             name=trace_name(cell),
             label=label,
-            caption=f"{row + 1}   {label.partition(': ')[2] or label}",
+            caption=caption,
             colour=COLOURS[row % len(COLOURS)],
             curve=curve,
-            corner=(WIDTH + MARGIN / 2, middle - SWING / 2),
+            corner=((LETTER * len(caption) + PADDING) / 2, row * ROW),
             frame=np.array([*corners, corners[0]], np.float32),
-            place=(x, y + half),
+            place=(x, y + high if y < HEIGHT / 2 else y - high - LINE),  # towards the middle of the map
         )
 
 
@@ -138,8 +144,7 @@ def trace_name(cell: int) -> str:
 
 
 def name_of(plane: Plane, cell: int) -> str:
-    """Return a cell and the values of its two parameters, as text."""
-    iy, ix = divmod(cell, plane.shape[1])
-    if iy >= plane.shape[0]:
+    """Return a cell and the values of its two parameters with their units, as text."""
+    if cell >= plane.regime.size:
         return f"cell {cell}"
-    return f"cell {cell}: {plane.x_name} {plane.x[ix]:.3g}, {plane.y_name} {plane.y[iy]:.3g}"
+    return f"cell {cell}: {cell_name(plane, cell)}"

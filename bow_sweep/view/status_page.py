@@ -11,7 +11,8 @@ import numpy as np
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import NODE_STATE_NAMES, BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
-from bow_sweep.maps.plane import MODEL_NAMES, Snapshot, regime_label
+from bow_sweep.maps.held_fixed import held_fixed, subject
+from bow_sweep.maps.plane import Snapshot, regime_label
 from bow_sweep.maps.playability import MEASURES
 
 USUAL_STATES = ("starting", "ready", "busy", "closed")
@@ -75,16 +76,13 @@ def page(snapshot: Snapshot, nodes: Iterable[NodeStatus], now: float, state: str
     rate
         Cells done per second.
     """
-    values = snapshot.values
-    model = MODEL_NAMES.get(values.get("model", ""), values.get("model"))
-    title = ", ".join(filter(None, [model, _setting(snapshot, "v_mid")])) or "Sweep"
     parts = [
-        f"## {title}",
+        f"## {subject(snapshot)}",
         f"{state} · preset {snapshot.preset}" if snapshot.preset else state,
         "",
         *_cells(snapshot, rate),
     ]
-    parts += ["", *_regimes(snapshot), "", *_nodes(nodes, now), "", *_identity(snapshot)]
+    parts += ["", *_regimes(snapshot), "", *_held(snapshot), "", *_nodes(nodes, now), "", *_identity(snapshot)]
     return "\n".join(parts) + "\n"
 
 
@@ -106,9 +104,10 @@ def playability_page(measured: Mapping[str, Any]) -> str:
     return "\n".join(["## Playability", head, "", *_table(("", "", "±"), rows)]) + "\n"
 
 
-def _setting(snapshot: Snapshot, name: str) -> str:
-    value = snapshot.values.get(name)
-    return f"{name} = {value}" if value is not None else ""
+def _held(snapshot: Snapshot) -> list[str]:
+    """Return what is the same in all cells."""
+    rows = [(held.symbol(), held.text, held.unit) for held in held_fixed(snapshot)]
+    return _table(("held fixed", "", "unit"), rows, numbers_from=3) if rows else []
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[object]], numbers_from: int = 1) -> list[str]:

@@ -24,7 +24,7 @@ def rows(path: Path, entity: str, component: str) -> list[tuple[dict[str, int], 
             names = set(batch.schema.names)
             if component not in names:
                 continue
-            lines = ("log_time", "sweep", "sample", "periods")
+            lines = ("log_time", "sweep", "sample", "test", "periods")
             times = {name: batch.column(name).cast("int64") for name in lines if name in names}
             for row, value in enumerate(batch.column(component)):
                 found.append(({name: column[row].as_py() for name, column in times.items()}, value.as_py()))
@@ -43,6 +43,28 @@ def image(path: Path, entity: str, kind: str, dtype: str, row: int = -1) -> np.n
     (layout,) = rows(path, entity, f"{kind}:format")[row][1]
     (buffer,) = rows(path, entity, f"{kind}:buffer")[row][1]
     return np.array(buffer, np.uint8).view(dtype).reshape(layout["height"], layout["width"])
+
+
+def names_of(path: Path, place: str) -> dict[int, str]:
+    """What the codes of a picture of a map mean."""
+    _, (meanings,) = rows(path, place, "AnnotationContext:context")[-1]  # as static data and on the timelines, the same
+    return {entry["class_id"]: entry["class_description"]["info"]["label"] for entry in meanings}
+
+
+def picture(path: Path, place: str, row: int = -1) -> np.ndarray:
+    """The codes of a picture of a map, the lowest row of the map first."""
+    return image(path, f"{place}/picture", "SegmentationImage", "u2", row)[::-1]
+
+
+def named(path: Path, place: str, row: int = -1) -> list[list[str]]:
+    """What a picture of a map says of each cell, the lowest row of the map first."""
+    names = names_of(path, place)
+    return [[names[code] for code in line] for line in picture(path, place, row).tolist()]
+
+
+def pending(path: Path) -> list[int]:
+    """How many cells were pending at each map."""
+    return [int(value[-1]) for _, value in rows(path, "counts", "Scalars:scalars")]
 
 
 def verify(path: Path) -> str:

@@ -65,6 +65,6 @@ def test_titles_name_parameter_symbol_and_unit():
     assert "$f_\\mathrm{asym}$" in FORCE.title()
     assert "Y_T = 3" in FORCE.title(mathematics=False, settings=["y_t=3.0"])
     assert PlotAxis.of("bow_bridge", np.arange(10.0, 20.0)).title(mathematics=False) == (
-        "round trip bow-bridge-bow; beta = bow_bridge/period  bow_bridge  (samples)"
+        "round trip from bow to bridge  bow_bridge  (samples)"
     )
     assert PlotAxis.of("unheard_of", np.arange(3.0)).title(mathematics=False) == "unheard_of"

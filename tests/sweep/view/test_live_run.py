@@ -1,17 +1,20 @@
 """What is drawn of a run, and when; its status page."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from example_maps import RUN, basin_map, inspection, outline, plan, settings
-from read_rrd import image, rows, verify
+from example_maps import RUN, basin_map, inspection, map_file, outline, plan, settings
+from read_rrd import named, pending, rows, verify
 
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.live_run import FIRST_MAP_S, LAST_MAP_S, SPARSE_S, LiveRun
 from bow_sweep.view.status_page import NodeStatus, is_complete, page, with_block_states
+from bow_sweep.view.tests_over_time import LEDGER
 
 OPEN, CLOSED = 1, 2
 
@@ -52,16 +55,36 @@ def test_a_sweep_is_over_when_the_plan_is_closed_and_the_map_is_whole(live, cloc
     assert live.tick([])
     live.finish([])
     assert verify(live.recording.path) == ""
-    assert rows(live.recording.path, "progress/cells_done", "Scalars:scalars")[-1][1] == [32.0]
+    assert pending(live.recording.path)[-1] == 0
 
 
 def test_a_finished_map_has_its_terrain_and_its_playability(live):
     live.map(basin_map())
     live.finish([])
-    assert set(np.unique(image(live.recording.path, "terrain/codes", "SegmentationImage", "u1"))) <= {0, 1, 2, 3, 4}
+    kinds = {"black", "smooth", "speckle without black", "speckle with black", "streaky"}
+    assert {kind for line in named(live.recording.path, "terrain") for kind in line} <= kinds
     text = rows(live.recording.path, "playability", "TextDocument:text")[-1][1][0]
     assert text.startswith("## Playability\nOf 32 cells")
     assert "largest contiguous area" in text
+
+
+def test_a_run_that_is_over_has_every_test_when_its_map_is_written(live):
+    result = map_file()
+    known = replace(result, regimes=np.where(result.helmholtz, 1, 2), confidence=np.full(result.helmholtz.shape, 0.5))
+    (live.recording.path.parent / LEDGER).touch()
+    write_map_npz(live.recording.path.parent / MAP, known)
+    live.map(basin_map())
+    live.plan(plan(CLOSED, done=4))
+    live.finish([])
+    times = {when.get("test") for when, _ in rows(live.recording.path, "map/picture", "SegmentationImage:buffer")}
+    assert times == {0, *range(5, 105, 5)}
+
+
+def test_a_run_that_is_interrupted_does_not_wait_for_its_map(live, monkeypatch):
+    monkeypatch.setattr("bow_sweep.view.live_run.finished_map", lambda *_: pytest.fail("waits"))
+    live.map(basin_map(computed=12))
+    live.finish([])
+    assert pending(live.recording.path)[-1] == 20
 
 
 @pytest.mark.parametrize(("maps", "patience"), [(0, FIRST_MAP_S), (1, LAST_MAP_S)])
@@ -87,7 +110,7 @@ def test_what_came_last_is_drawn_at_the_end_however_fast_it_came(live):
     live.plan(plan(CLOSED, done=4))
     live.finish([])
     assert live.drawn < 29
-    assert not np.isnan(image(live.recording.path, "map/transient", "DepthImage", "f4")).any()
+    assert pending(live.recording.path)[-1] == 0
 
 
 def test_a_long_sweep_gets_a_map_every_few_seconds_only(live, clock):
@@ -188,7 +211,9 @@ def test_the_page_tells_the_whole_story():
     assert "| simulator_1 | busy | block 3 | 12 | 34.0 | 1 | 90 |" in text
     assert "| simulator_2 | **silent for 10 s** |" in text
     assert "| classifier | **dead** |" in text
+    assert text.startswith("## Stiff/Cremer string\n")
     assert "preset fig11d" in text
+    assert "| tau_f | 400 | samples |" in text
     assert RUN in text
     assert "v_mid=0.2" in text
 

@@ -1,4 +1,4 @@
-"""Waveforms of inspected cells are whole in a finished recording: what did not come is in the bag, or computed again."""
+"""Waveforms of inspected cells are whole in a finished recording: what did not come is in the bag or computed again."""
 
 from __future__ import annotations
 

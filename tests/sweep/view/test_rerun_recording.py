@@ -10,15 +10,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from example_maps import RUN, SLIP, basin_map, inspection, outline, settings
-from read_rrd import entities, image, rows, verify
+from example_maps import RUN, SLIP, basin_map, inspection, map_file, outline, plan, settings
+from read_rrd import entities, named, names_of, pending, picture, rows, verify
 
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.maps.plane import NEVER, NOT_COMPUTED, Snapshot, regime_label
+from bow_sweep.maps.plane import Snapshot, regime_label
 from bow_sweep.view import rerun_recording
-from bow_sweep.view.map_layers import FOREIGN
+from bow_sweep.view.codes import FOREIGN_LABEL
 from bow_sweep.view.rerun_recording import RunRecording
 from bow_sweep.view.viewer import Server, connections, uri_of
 from bow_sweep.view.wanted import free_port
@@ -39,43 +40,72 @@ def show_waveform(shown: RunRecording, cells: list[int], chunk: int) -> np.ndarr
     return data
 
 
+PLACES = ("map", "tests/correlation", "tests/slips", "tests/corners", "regime", "terrain")
+
+
 @pytest.fixture
 def path(tmp_path) -> Path:
     return tmp_path / "dashboard.rrd"
 
 
-def test_the_map_is_in_the_file_value_for_value(path):
+def test_the_map_is_in_the_file_cell_for_cell(path):
     shown = recording(path)
     shown.map(snapshot(computed=12))
     shown.map(snapshot(computed=20))
     shown.finish()
     assert verify(path) == ""
-    lengths = image(path, "map/transient", "DepthImage", "f4")[::-1]
-    assert lengths[0].tolist() == [5, 10, 15, 20, 25, 30, 35, 40]
-    assert (lengths[1] == 0).all()
-    assert np.isnan(lengths[3]).all()
-    mask = image(path, "map/mask", "SegmentationImage", "u1")[::-1]
-    assert (mask[1] == NEVER).all()
-    assert (mask[3] == NOT_COMPUTED).all()
-    assert (image(path, "regime/codes", "SegmentationImage", "u1")[::-1][1] == SLIP).all()
-    assert (image(path, "regime/codes", "SegmentationImage", "u1")[::-1][3] == PENDING).all()
-    assert (image(path, "tests/slips/values", "DepthImage", "u2")[::-1][1] == 10).all()
-    assert (image(path, "tests/corners/values", "DepthImage", "u2")[::-1][0] == 5).all()
-    assert image(path, "tests/correlation/values", "DepthImage", "f4")[::-1][0, 3] == np.float32(0.903)
-    assert (image(path, "tests/pending", "SegmentationImage", "u1")[::-1][:, 0] == [0, 0, 0, NOT_COMPUTED]).all()
-    grown = [np.isnan(image(path, "map/transient", "DepthImage", "f4", row)).sum() for row in range(3)]
+    for place in ("map", "regime"):
+        said = named(path, place)
+        assert said[0] == [f"Helmholtz, transient {5 * length} periods" for length in range(1, 9)]
+        assert set(said[1]) == {"multiple slip, no Helmholtz motion"}
+        assert set(said[3]) == {"pending"}
+    slips, corners, correlation = (named(path, f"tests/{name}") for name in ("slips", "corners", "correlation"))
+    assert set(slips[1]) == {"10 slips"}
+    assert set(corners[0]) == {"5 corners"}
+    assert set(corners[3]) == {"pending"}
+    assert correlation[0][0] == "correlation 0.90"
+    assert correlation[2][0] == "correlation 0.92"
+    grown = [sum(text == "pending" for line in named(path, "map", row) for text in line) for row in range(3)]
     assert grown == [32, 20, 12]
 
 
-def test_counts_and_progress_go_on_in_time(path):
+def test_the_mouse_finds_the_parameters_and_the_code_of_each_cell(path):
+    shown = recording(path)
+    shown.map(snapshot())
+    shown.finish()
+    for place in ("map", "regime", "tests/correlation", "tests/slips", "tests/corners"):
+        cells = rows(path, f"{place}/cells", "LineStrips2D:class_ids")[-1][1]
+        assert cells == picture(path, place).ravel().tolist()
+    for place in ("map", "regime", "tests/slips", "terrain"):
+        names = rows(path, f"{place}/cells", "cell")[-1][1]
+        assert names[0] == "f_asym 0.5 v_b/Y_T, f_init/f_asym 0"
+        assert names[31] == "f_asym 20 v_b/Y_T, f_init/f_asym 2"
+        (strips,) = (value for _, value in rows(path, f"{place}/cells", "LineStrips2D:strips"))
+        assert len(strips) == 32
+        (left, upper), (right, lower) = strips[8]  # the first cell of the second row of four
+        assert (left + right) / 2 == pytest.approx(8)
+        assert (upper + lower) / 2 == pytest.approx(40)
+
+
+def test_a_large_map_has_no_cells_to_point_at(path):
+    shown = RunRecording(path, Snapshot.empty(SweepOutline.of(plan(nx=160, ny=160))))
+    shown.finish()
+    assert "map/picture" in entities(path)
+    assert "map/cells" not in entities(path)
+
+
+def test_counts_go_on_in_time(path):
     shown = recording(path)
     shown.map(snapshot(computed=16))
     shown.map(snapshot())
     shown.finish()
-    assert [value for _, value in rows(path, "counts/helmholtz", "Scalars:scalars")] == [[0.0], [8.0], [24.0]]
-    assert [value for _, value in rows(path, "counts/pending", "Scalars:scalars")] == [[32.0], [16.0], [0.0]]
-    assert [value for _, value in rows(path, "progress/cells_done", "Scalars:scalars")] == [[0.0], [16.0], [32.0]]
-    times = [when["sweep"] for when, _ in rows(path, "counts/pending", "Scalars:scalars")]
+    counts = rows(path, "counts", "Scalars:scalars")
+    assert [value[REGIMES.index("helmholtz")] for _, value in counts] == [0, 8, 24]
+    assert [value[-1] for _, value in counts] == [32, 16, 0]
+    ((_, names),) = rows(path, "counts", "SeriesLines:names")
+    assert names[REGIMES.index("helmholtz")] == "Helmholtz"
+    assert len(names) == len(counts[0][1])
+    times = [when["sweep"] for when, _ in counts]
     assert times == sorted(times)
     assert 0 <= times[0] < 60e9
 
@@ -85,8 +115,40 @@ def test_maps_stand_still_among_the_waveforms(path):
     shown.map(snapshot())
     show_waveform(shown, [3], 0)
     shown.finish()
-    for entity, kind in (("map/transient", "DepthImage"), ("map/mask", "SegmentationImage")):
-        assert {when["sample"] for when, _ in rows(path, entity, f"{kind}:buffer")} == {0}
+    assert {when["sample"] for when, _ in rows(path, "map/picture", "SegmentationImage:buffer")} == {0}
+
+
+def test_waveforms_are_seen_on_the_timeline_on_which_the_viewer_opens(path):
+    shown = recording(path)
+    shown.map(snapshot())
+    show_waveform(shown, [3], 0)
+    shown.finish()
+    found = [when for when, _ in rows(path, "waveform/cell_3", "Scalars:scalars") if when]
+    assert [when["sample"] for when in found] == list(range(695))
+    assert found[-1]["sweep"] == pytest.approx(694 / 61160 * 1e9, rel=1e-6)
+
+
+def test_every_test_is_on_a_timeline_of_its_own(path):
+    shown = recording(path)
+    shown.map(snapshot())
+    result = map_file()
+    regimes = np.where(result.helmholtz, 1, SLIP).astype(np.uint8)
+    confidence = np.full(regimes.shape, 0.875, np.float32)
+    shown.tests(replace(result, regimes=regimes, confidence=confidence))
+    shown.finish()
+    at = [when["test"] for when, _ in rows(path, "map/picture", "SegmentationImage:buffer") if "log_time" not in when]
+    assert at == [0, *range(5, 105, 5)]
+    assert set(named(path, "map", 0)[0]) == {"pending"}
+    for periods in (5, 15, 100):
+        row = periods // 5
+        known = [f"Helmholtz, transient {5 * n} periods" for n in range(1, 9) if 5 * n <= periods]
+        assert named(path, "map", row)[0] == known + ["multiple slip, no Helmholtz motion"] * (8 - len(known))
+        assert rows(path, "map/cells", "LineStrips2D:class_ids")[row][1] == picture(path, "map", row).ravel().tolist()
+    counts = rows(path, "counts", "Scalars:scalars")[:21]
+    assert [value[1] for _, value in counts] == [0, *(int(layer.sum()) for layer in result.helmholtz)]
+    bars = rows(path, "lengths", "BarChart:values")
+    assert {when["test"] for when, _ in bars} == {0, *range(5, 105, 5)}
+    assert rows(path, "map/cells", "cell")[-1][1][0] == "f_asym 0.5 v_b/Y_T, f_init/f_asym 0; confidence 0.88"
 
 
 def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
@@ -151,15 +213,11 @@ def test_axes_scales_and_meanings_are_drawn_once(path):
     assert {"0.5", "20", "never", "pending", "transient (periods)"} <= set(words[-1][1])
     assert len(words) == 1
     assert words[0][0] == {}
-    meanings = rows(path, "regime", "AnnotationContext:context")[-1][1][0]
-    labels = {entry["class_id"]: entry["class_description"]["info"]["label"] for entry in meanings}
-    assert labels[1] == "Helmholtz"
-    assert labels[PENDING] == "pending"
 
 
 def contexts(path: Path) -> dict[str, list]:
     """The names and colours of codes by entity: when they were logged, and what."""
-    found = {place: rows(path, place, "AnnotationContext:context") for place in ("map", "tests", "regime", "terrain")}
+    found = {place: rows(path, place, "AnnotationContext:context") for place in PLACES}
     return {place: [what[0] for _, what in entries] for place, entries in found.items()}
 
 
@@ -179,9 +237,9 @@ def test_names_and_colours_of_codes_are_there_for_files_and_for_viewers_complete
         times = [when for when, _ in rows(path, place, "AnnotationContext:context")]
         assert [{name: when[name] for name in when if name != "log_time"} for when in times] == [
             {},
-            {"sweep": 0, "sample": 0},
+            {"sweep": 0, "sample": 0, "test": 0},
         ]
-    known = {entry["class_description"]["info"]["label"] for entry in before["regime"][0]}
+    known = {name.partition(",")[0] for name in names_of(path, "regime").values()}
     assert {regime_label(name) for name in REGIMES} | {"pending"} <= known
 
 
@@ -194,10 +252,11 @@ def test_the_codes_of_another_classifier_are_translated_to_the_names_that_were_l
     other[0, 0] = 0
     shown.map(replace(usual, regime_names=names, regime=other))
     shown.finish()
-    painted = image(path, "regime/codes", "SegmentationImage", "u1")[::-1]
-    assert painted[0, 0] == FOREIGN
-    assert (painted == usual.regime).sum() == painted.size - 1
-    assert rows(path, "counts/multiple_slip", "Scalars:scalars")[-1][1] == [float((usual.regime == SLIP).sum())]
+    said = named(path, "regime")
+    assert said[0][0] == f"{FOREIGN_LABEL}, transient 5 periods"
+    assert said[0][1] == "Helmholtz, transient 10 periods"
+    assert set(said[1]) == {"multiple slip, no Helmholtz motion"}
+    assert rows(path, "counts", "Scalars:scalars")[-1][1][SLIP] == (usual.regime == SLIP).sum()
 
 
 def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
@@ -218,8 +277,8 @@ def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
     )
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert "footer" in verify(path)
-    assert np.isnan(image(path, "map/transient", "DepthImage", "f4")).sum() == 20
-    before = rows(path, "counts/pending", "Scalars:scalars")
+    assert pending(path) == [32, 20]
+    before = rows(path, "counts", "Scalars:scalars")
 
     shown = recording(path)
     assert shown.scope.cells == [3]
@@ -228,9 +287,9 @@ def test_a_file_without_a_footer_is_taken_up_and_nothing_is_lost(path):
     shown.status("after")
     shown.finish()
     assert verify(path) == ""
-    after = rows(path, "counts/pending", "Scalars:scalars")
+    after = rows(path, "counts", "Scalars:scalars")
     assert after[: len(before)] == before
-    assert [value for _, value in after] == [[32.0], [20.0], [32.0], [0.0]]
+    assert pending(path) == [32, 20, 32, 0]
     assert after[-1][0]["sweep"] > before[-1][0]["sweep"]  # one clock
     assert [value for _, value in rows(path, "account", "TextDocument:text")] == [["before"], ["after"]]
     force = [value[0] for when, value in rows(path, "waveform/cell_3", "Scalars:scalars") if when]
@@ -247,7 +306,7 @@ def test_another_runs_recording_is_put_aside(path):
     shown = recording(path)
     shown.finish()
     assert (path.parent / "dashboard-1.rrd").read_bytes() == content
-    assert len(rows(path, "counts/pending", "Scalars:scalars")) == 1
+    assert pending(path) == [32]
 
 
 @pytest.mark.parametrize("damage", ["cut", "rubbish"])
@@ -262,7 +321,7 @@ def test_a_damaged_recording_is_kept_and_complained_about(path, damage):
     shown.map(snapshot())
     shown.finish()
     assert verify(path) == ""
-    assert not np.isnan(image(path, "map/transient", "DepthImage", "f4")).any()
+    assert pending(path)[-1] == 0
     if damage == "rubbish":
         assert "dashboard-1.rrd" in complaints[0]
         assert (path.parent / "dashboard-1.rrd").read_bytes() == b"no recording"
@@ -301,7 +360,7 @@ def test_viewers_that_come_late_get_everything_also_when_the_dashboard_has_ended
         os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait()
     assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
-    assert len(rows(got, "map/transient", "DepthImage:buffer")) == 3
+    assert len(rows(got, "map/picture", "SegmentationImage:buffer")) == 3
 
 
 def test_the_file_is_whole_where_the_viewer_goes_away(path, server):
@@ -317,7 +376,7 @@ def test_the_file_is_whole_where_the_viewer_goes_away(path, server):
     shown.finish()
     assert said == ["the viewer is gone; dashboard.rrd is written on"]
     assert verify(path) == ""
-    assert len(rows(path, "map/transient", "DepthImage:buffer")) == 6
+    assert len(rows(path, "map/picture", "SegmentationImage:buffer")) == 6
 
 
 def test_a_viewer_that_is_stopped_holds_nobody_up(path, server, monkeypatch):
@@ -328,7 +387,7 @@ def test_a_viewer_that_is_stopped_holds_nobody_up(path, server, monkeypatch):
         shown.map(snapshot())
     shown.finish()
     assert verify(path) == ""
-    assert len(rows(path, "map/transient", "DepthImage:buffer")) == 201
+    assert len(rows(path, "map/picture", "SegmentationImage:buffer")) == 201
     os.kill(server.pid, signal.SIGCONT)
 
 
