@@ -10,7 +10,7 @@ cell, and the viewer shows its parameters and the meaning of its code. It does s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -93,7 +93,7 @@ class MapLayers:
         self._name_codes(meanings)
         self._name_lines()
         for place, decorations in self.decorations.items():
-            self._draw(f"{place}/axes", decorations)
+            draw(self._log, f"{place}/axes", decorations)
         self._place_cells()
 
     def _name_codes(self, meanings: Mapping[str, Sequence[Meaning]]) -> None:
@@ -108,9 +108,9 @@ class MapLayers:
         for name in SEQUENCES:
             self._record.set_time(name, sequence=0)
         for place, known in meanings.items():
-            context = _context(known)
-            self._log(place, context, static=True)
-            self._log(place, context)
+            names = context(known)
+            self._log(place, names, static=True)
+            self._log(place, names)
         self._record.reset_time()
 
     def _name_lines(self) -> None:
@@ -124,15 +124,6 @@ class MapLayers:
         self._log("legend/colours", rr.LineStrips2D(strokes, colors=colours, radii=LEGEND_STROKE / 2), static=True)
         places = [((left + right) / 2, top) for left, top, right, _ in boxes]
         self._log("legend/names", texts(places, labels), static=True)
-
-    def _draw(self, place: str, decorations: Decorations) -> None:
-        log = self._log
-        log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
-        log(f"{place}/labels", texts(decorations.places, decorations.labels), static=True)
-        if decorations.bar is not None:
-            where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=PIXEL)
-            picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
-            log(f"{place}/scale", where, picture, static=True)
 
     def _place_cells(self) -> None:
         """Log the size of the pictures, and the places and names of the cells."""
@@ -231,7 +222,7 @@ def _bars(plane: Plane) -> rr.BarChart:
     return rr.BarChart(counts, abscissa=ends, widths=np.full(len(ends), 0.9 * CHUNK_PERIODS), color=BAR_COLOUR)
 
 
-def _context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:
+def context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:
     """Return names and colours as rerun wants them: as Arrow, fifty times quicker than from its own classes."""
     known = [
         {
@@ -245,6 +236,16 @@ def _context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:
         for code, label, colour in meanings
     ]
     return rr.AnnotationContext(pa.array([known], rr.components.AnnotationContextBatch._ARROW_DATATYPE))
+
+
+def draw(log: Callable[..., object], place: str, decorations: Decorations) -> None:
+    """Log the axes and the scale of a picture, with a recording's `log`."""
+    log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
+    log(f"{place}/labels", texts(decorations.places, decorations.labels), static=True)
+    if decorations.bar is not None:
+        where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=PIXEL)
+        picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
+        log(f"{place}/scale", where, picture, static=True)
 
 
 def texts(places: Sequence[tuple[float, float]], words: Sequence[str]) -> rr.Points2D:
