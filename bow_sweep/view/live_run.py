@@ -91,14 +91,11 @@ class LiveRun:
         self._outline = SweepOutline.of(plan)
         directory.mkdir(parents=True, exist_ok=True)
         empty = with_block_states(Snapshot.empty(self._outline), self._outline, plan["block_states"])
-        self.recording = RunRecording(directory / FILE, empty, uri, warn)
+        self.recording = RunRecording(directory / FILE, empty, uri, warn, inspected)
         self.drawn = self.ignored = 0
         self._plan, self._clock, self._opened = plan, clock, clock()
         self._directory, self._warn = directory, warn
         self._recorder: bool | None = None  # whether it has closed the bag; None: not heard of
-        for cell in inspected:
-            if cell < self._outline.cells:
-                self.recording.scope.admit(cell)
         self._closing: float | None = None
         self._next: Snapshot | None = None
         self._next_draw_at = self._status_at = 0.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,8 @@ class RunRecording:
         Address of a viewer or server that shows the recording live; "" for none. The file does not depend on it.
     warn
         Called with a line for people where something failed.
+    inspected
+        Cells whose waveforms will come: they have their views from the beginning.
 
     Attributes
     ----------
@@ -75,10 +77,15 @@ class RunRecording:
         snapshot: Snapshot,
         uri: str = "",
         warn: Callable[[str], object] = warnings.warn,
+        inspected: Iterable[int] = (),
     ) -> None:
         rr.set_strict_mode(True)
         self.path, self.snapshot = path, snapshot
         self.scope, self._pieces = Scope(), Pieces()
+        for cell in inspected:
+            if cell < snapshot.regime.size:
+                self.scope.admit(cell)
+        self._arranged: list[int] = []
         self._warn, self._began = warn, time.time()
         self._history: list[tuple[float, int]] = []
         self._marked: set[int] = set()
@@ -161,6 +168,7 @@ class RunRecording:
         return (after - before) / (last - first) if last > first else 0.0
 
     def _arrange(self) -> None:
+        self._arranged = list(self.scope.cells)
         send(self._blueprint(), APPLICATION, self._record)
 
     def _blueprint(self) -> rrb.Blueprint:
@@ -196,10 +204,9 @@ class RunRecording:
         self._draw(self._pieces.rest())
 
     def _draw(self, found: dict[int, list[tuple[Piece, bool]]]) -> None:
-        new = [cell for cell in found if cell not in self._marked]
         for cell, pieces in found.items():
             self._log_trace(cell, pieces)
-        if new:
+        if self.scope.cells != self._arranged:  # a new layout brings a viewer back to its first tab
             self._arrange()
 
     def _log_trace(self, cell: int, pieces: list[tuple[Piece, bool]]) -> None:
