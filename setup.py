@@ -83,6 +83,10 @@ setup(
         "mcap>=1.2",
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10
     ],
+    extras_require={
+        "explore": ["bokeh>=3.9,<4"],  # `bow explore`; `make setup` installs it
+    },
+    package_data={"bow_sweep.explore": ["page.js"]},
     entry_points={"console_scripts": [f"{name} = {target}" for name, target in console_scripts.items()]},
     zip_safe=False,
 )

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from bench.scalar import PlainLoop, check
 from bow_sim.kernel.block import Block
 from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.body import STOPPANI
 from bow_sim.physics.parameters import DTYPES, Parameters
 
 LANES = 128
@@ -39,6 +40,8 @@ class Case(NamedTuple):
 
 
 STIFF = {"model": "stiff_cremer"}
+SI = {"model": "delta_cremer", "string": "violin_g", "v_unit": "0.1"}
+TWENTY_MODES = ", ".join(STOPPANI.split(", ")[:20])
 
 CASES = {
     f"{title}, {dtype}": Case({"model": model, "dtype": dtype})
@@ -49,6 +52,12 @@ CASES = {
     "stiff/Cremer, stiffness differs": Case(STIFF, "stiffness_b", plain=False),
     "stiff/Cremer, bow position differs": Case(STIFF, "bow_bridge", plain=False),
     "stiff/Cremer, one cell": Case(STIFF, cells=1),
+    "delta/Cremer, hair": Case(SI | {"hair": "hair_soft"}, plain=False),
+    "delta/Cremer, Coulomb": Case(SI | {"friction": "coulomb"}, plain=False),
+    "delta/Cremer, thermal": Case(SI | {"friction": "thermal"}, plain=False),
+    "delta/Cremer, 4 modes": Case(SI | {"body": "signature"}, plain=False),
+    "delta/Cremer, 20 modes": Case(SI | {"body_modes": TWENTY_MODES}, plain=False),
+    "delta/Cremer, 76 modes": Case(SI | {"body": "stoppani"}, plain=False),
 }
 
 

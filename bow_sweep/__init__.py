@@ -7,6 +7,7 @@ record             its bag
 cell               one cell of a run: waveform, analysis, sound
 figures            pictures of finished maps
 view               the dashboard
+explore            the page in the browser
 coordinator        who hands out the blocks
 processes          the processes of a graph on this machine
 paper              what the paper states, beside what is found

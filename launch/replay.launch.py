@@ -27,7 +27,11 @@ ARGUMENTS = {
     "view": ("false", "true = open the live viewer", read.SWITCH),
     "params_file": (PARAMETERS, "parameters of the nodes, YAML; an argument given here has priority over it", None),
     "log_level": ("info", "what the nodes log", read.LEVELS),
-    "use_sim_time": ("false", "true = stamps of the logs are those of /clock, which the replay publishes", read.SWITCH),
+    "use_sim_time": (
+        "false",
+        "true = the clocks of the nodes follow /clock, which the replay then publishes",
+        read.SWITCH,
+    ),
     "discovery_range": (
         os.environ.get(read.RANGE) or read.DEFAULT_RANGE,
         f"SUBNET = nodes on other machines hear it too; the default is what {read.RANGE} says",

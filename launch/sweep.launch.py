@@ -42,7 +42,7 @@ ARGUMENTS = {
     "log_level": ("info", "what the nodes log", read.LEVELS),
     "use_sim_time": (
         "false",
-        "true = stamps of the logs are those of /clock; the graph itself depends on no clock of ROS",
+        "true = the clocks of the nodes follow /clock; nothing that they do depends on it",
         read.SWITCH,
     ),
     "discovery_range": (

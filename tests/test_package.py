@@ -123,7 +123,8 @@ def test_all_places_have_one_version_and_licence() -> None:
 def test_what_the_code_imports_is_declared() -> None:
     depends = {depend.name for depend in manifest(".").exec_depends}
     assert imported() & ROS_PYTHON <= depends
-    distributions = [re.split(r"[<>=]", requirement)[0] for requirement in setup_arguments()["install_requires"]]
+    requirements = [*setup_arguments()["install_requires"], *setup_arguments()["extras_require"]["explore"]]
+    distributions = [re.split(r"[<>=]", requirement)[0] for requirement in requirements]
     declared = {IMPORT_OF.get(name, name) for name in distributions}
     assert imported() - ROS_PYTHON == declared
 
@@ -152,7 +153,8 @@ def test_the_development_tools_include_what_builds_the_interfaces() -> None:
 
 def test_every_direct_requirement_has_a_tested_release() -> None:
     tested = {re.split(r"==| ;", line)[0] for line in quoted("constraints.txt")}
-    direct = [*setup_arguments()["install_requires"], *quoted("requirements.txt"), *quoted("requirements-dev.txt")]
+    direct = [*setup_arguments()["install_requires"], *setup_arguments()["extras_require"]["explore"]]
+    direct += [*quoted("requirements.txt"), *quoted("requirements-dev.txt")]
     names = {re.split(r"[<>=]", requirement)[0].lower().replace("_", "-") for requirement in direct}
     assert names <= tested
 
@@ -170,6 +172,7 @@ def test_a_wheel_of_bow_is_a_whole_ros_package(tmp_path: Path) -> None:
     code = [path.relative_to(ROOT).as_posix() for package in OUR_PACKAGES for path in (ROOT / package).rglob("*.py")]
     wanted = ["share/ament_index/resource_index/packages/bow", "share/bow/package.xml", *code]
     wanted += [f"share/bow/{path}" for path in (*config, *launch)]
+    wanted.append("bow_sweep/explore/page.js")
     assert set(wanted) <= set(names)
     for node in assigned("NODES"):
         assert modes[f"lib/bow/{node}"] & 0o111

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from rooms import ARROWS, PACKAGES, ROOT, modules, room_of
 
-FRAMEWORKS = {"rclpy", "mcap", "rerun", "bow_msgs"}
+FRAMEWORKS = {"rclpy", "mcap", "rerun", "bow_msgs", "bokeh"}
 
 IMPURE = {
     "bow_sim.node": {"rclpy", "bow_msgs"},
@@ -41,6 +41,11 @@ IMPURE = {
     "bow_sweep.record.verify": {"mcap"},
     "bow_sweep.coordinator.resume": {"mcap"},
     "bow_sweep.processes.supervisor_node": {"rclpy", "bow_msgs"},
+    "bow_sweep.explore.packed": {"mcap"},
+    "bow_sweep.explore.page": {"bokeh"},
+    "bow_sweep.explore.plots": {"bokeh"},
+    "bow_sweep.explore.saved": {"bokeh", "mcap"},
+    "bow_sweep.explore.served": {"bokeh", "mcap"},
     "bow_sweep.view.blueprint": {"rerun"},
     "bow_sweep.view.node": {"rclpy", "bow_msgs", "rerun"},
     "bow_sweep.view.cell_views": {"rerun"},

@@ -2,6 +2,8 @@
 
 block        blocks of cells, computed five periods at a time
 time_loop    the compiled loop over samples
+body         modes of the body at the bridge, for the loop
+hair         the bow hair, for the loop
 arguments    its arguments: named tuples of arrays
 fingerprint  which kernel this is: sources, compilers, processor
 precompile   compiles and caches the kernels

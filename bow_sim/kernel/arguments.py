@@ -22,7 +22,7 @@ class Tail(NamedTuple):
     last : ndarray, shape (groups,)
         The lag at which the tail begins, samples; with ``taps``, the lag of the first of them.
     taps : None, or ndarray, shape (groups, taps, 8)
-        Selects each lane's own lag: 1 at that lag, 0 at the others.
+        Selects each lane's own lag: 1 at that lag, 0 at the others; or interpolates between lags.
     """
 
     gain: Any
@@ -30,6 +30,63 @@ class Tail(NamedTuple):
     state: Any
     last: Any
     taps: Any
+
+
+class Body(NamedTuple):
+    """Modes of the body behind the bridge (PHYSICS.md section 11): each a resonator with two numbers of state.
+
+    Parameters
+    ----------
+    b0, a1, a2 : ndarray, shape (1, modes, 8) or (groups, modes, 8)
+        Coefficients: common to all cells, or each cell's own.
+    stride : int
+        Elements from one group to the next in these; 0 if they are common.
+    z1, z2 : ndarray, shape (groups, modes, 8)
+        State.
+    sum_b, den, rho, gain, pole : ndarray, shape (lanes,)
+        The sum of b0, ``1/(1 + (1 + rho) sum_b/2)``, and Cremer's reflection of what the modes leave.
+    sum_z, tail : ndarray, shape (lanes,)
+        The sum of z1, and the state of Cremer's reflection.
+    force, velocity : ndarray, shape (8, 8)
+        Force on the bridge over Z_0, and its velocity, in the current eight steps.
+    """
+
+    b0: Any
+    a1: Any
+    a2: Any
+    stride: Any
+    z1: Any
+    z2: Any
+    sum_b: Any
+    den: Any
+    rho: Any
+    gain: Any
+    pole: Any
+    sum_z: Any
+    tail: Any
+    force: Any
+    velocity: Any
+
+
+class Hair(NamedTuple):
+    """The bow hair, a spring with a dashpot beside it (PHYSICS.md section 12).
+
+    Parameters
+    ----------
+    share : ndarray, shape (lanes,)
+        ``2 Z_0/(R Y')`` with the dashpot R and the admittance Y' at the bow, hair included.
+    string : ndarray, shape (lanes,)
+        ``Y/Y'``: what of the speed difference the string takes.
+    decay : ndarray, shape (lanes,)
+        ``exp(-k/(R sample_rate))`` with the spring k.
+    state : ndarray, shape (lanes,)
+        Velocity of the spring.
+    """
+
+    share: Any
+    string: Any
+    decay: Any
+    state: Any
 
 
 class Side(NamedTuple):
@@ -44,6 +101,8 @@ class Side(NamedTuple):
     ahead : ndarray, shape (groups,)
         The least lag, samples: how many steps can be computed at once.
     tail : Tail or None
+    body : Body or None
+        If not None, taps and tail give what arrives at the bridge, and the body what it sends back.
     ring : ndarray, shape (groups, length + guard, 8)
         Outgoing wave, a ring buffer of ``length`` rows. The first ``guard`` rows are repeated at the end, so that any
         window of rows is contiguous.
@@ -57,6 +116,7 @@ class Side(NamedTuple):
     last: Any
     ahead: Any
     tail: Any
+    body: Any
     ring: Any
     length: Any
     guard: Any
@@ -89,7 +149,8 @@ class String(NamedTuple):
     law : NamedTuple of ndarray, shape (lanes,)
         Friction law, see :mod:`bow_sim.physics.friction`.
     share_t, share_r : ndarray, shape (lanes,)
-        ``Y_T/2Y`` and ``Y_R/2Y``.
+        ``Y_T/2Y'`` and ``Y_R/2Y'``; ``Y' = Y`` where the hair is rigid.
+    hair : Hair or None
     """
 
     bridge: Any
@@ -99,6 +160,7 @@ class String(NamedTuple):
     law: Any
     share_t: Any
     share_r: Any
+    hair: Any
 
 
 class State(NamedTuple):

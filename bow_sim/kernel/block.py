@@ -6,6 +6,7 @@ rounded, and none is fused or reordered.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.kernel import time_loop
-from bow_sim.kernel.arguments import SIDES, Gesture, Intervals, Output, Side, State, String, Tail
+from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.fingerprint import source_hash
 from bow_sim.physics import friction, gesture
+from bow_sim.physics.body import resonators
 from bow_sim.physics.cells import Cells, cells
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import Reflection
@@ -27,7 +29,10 @@ STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
 All other models share one kernel for any number of taps; it is slower, but needs to be compiled only once."""
 
 TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
-"""What :func:`transient` returns, in the order of the kernel's traces."""
+"""What :func:`transient` returns of every string, in the order of the kernel's traces."""
+
+BODY_TRACES, THERMAL_TRACES = ("bridge_velocity", "bridge_force_real"), ("temperature",)
+"""What follows where there are modes of a body, and with thermal friction."""
 
 _advance = time_loop.build(int(source_hash()[:15], 16))
 
@@ -67,8 +72,14 @@ class Block:
     lanes : Mapping[str, array_like], each of shape (cells,)
         The ones that differ: values by the name of any parameter in :data:`bow_sim.physics.parameters.SWEEPABLE`.
     trace : bool
-        Keep every waveform of the latest chunk in ``traces``, shape (6, samples, at least cells), in the order of
-        :data:`TRACES`; the friction force is multiplied by ``y``.
+        Keep every waveform of the latest chunk in ``traces``, shape (waveforms, samples, at least cells), in the order
+        of ``trace_names``; the friction force is multiplied by ``admittance``.
+
+    Attributes
+    ----------
+    admittance : ndarray, shape (cells,)
+        What the friction force meets at the bow: string and hair.
+    trace_names : tuple of str
 
     Raises
     ------
@@ -96,16 +107,17 @@ class Block:
             or tuple(len(same[0].taps) for same in functions) not in STANDARD
         )
         make = self._general_side if self._general else self._standard_side
-        y = described.of_ends("y")
+        self.admittance = y = described.bow_admittance()
         bridge, nut, torsion_bridge, torsion_nut = (make(same) for same in functions)
         self._string = String(
-            bridge,
+            bridge._replace(body=self._make_body(described)),
             nut,
             torsion_bridge,
             torsion_nut,
             law=self._lanes_of(self._make_law(described)),
             share_t=self._lane(described.of_ends("y_t") / 2 / y),
             share_r=self._lane(described.of_ends("y_r") / 2 / y),
+            hair=self._make_hair(described),
         )
         self._levels = self._lanes_of(
             gesture.levels(parameters.gesture, *(described.value(name) for name in ("f_asym", "f_init_ratio", "v_b")))
@@ -120,7 +132,13 @@ class Block:
             np.empty((width, most), np.uint32),
             np.empty((width, most), np.float64),
         )
-        self.traces: NDArray[Any] | None = aligned((len(TRACES), samples, width), self._dtype) if trace else None
+        self.trace_names = (
+            TRACES
+            + BODY_TRACES * (self._string.bridge.body is not None)
+            + THERMAL_TRACES * (parameters.friction == "thermal")
+        )
+        size = (len(self.trace_names), samples, width)
+        self.traces: NDArray[Any] | None = aligned(size, self._dtype) if trace else None
 
     def advance(self) -> ChunkResult:
         """Compute the next five periods.
@@ -150,6 +168,50 @@ class Block:
         """Return the friction law, a named tuple of arrays over cells."""
         return friction.law_of(described)
 
+    def _make_hair(self, described: Cells) -> Hair | None:
+        """Return the bow hair of each cell; None where all bows are rigid."""
+        elastic = described.hair_admittance()
+        if not elastic.any():
+            return None
+        columns = (described.value(name).tolist() for name in ("hair_k", "hair_r", "sample_rate"))
+        decay = [math.exp(-k / (r * rate)) if r else 0.0 for k, r, rate in zip(*columns, strict=True)]
+        share, string = elastic / self.admittance, described.of_ends("y") / self.admittance
+        return Hair(*(self._lane(np.asarray(x)) for x in (share, string, decay, np.zeros(described.count))))
+
+    def _make_body(self, described: Cells) -> Body | None:
+        """Return the modes of the body behind the bridge of each cell, or one body that all share; None for none."""
+        bodies = [e.body for e in described.ends if e.body is not None]
+        if not bodies:
+            return None
+        filters = [resonators(b.modes, b.sample_rate) for b in bodies]
+        count = max(len(f.b0) for f in filters)
+        groups = self._groups if len(bodies) > 1 else 1
+        tables = np.zeros((3, groups * LANES, count))
+        for lane in range(groups * LANES):
+            own = filters[min(lane, len(filters) - 1)]
+            tables[:, lane, : len(own.b0)] = own
+        b0, a1, a2 = (self._by_groups(x) for x in tables)
+        one = np.ones(described.count)
+        rho, gain, pole = (np.array([getattr(b, name) for b in bodies]) * one for name in ("rho", "gain", "pole"))
+        sum_b = np.array([math.fsum(f.b0) for f in filters]) * one
+        return Body(
+            b0,
+            a1,
+            a2,
+            stride=count * LANES if groups > 1 else 0,
+            z1=aligned((self._groups, count, LANES), self._dtype),
+            z2=aligned((self._groups, count, LANES), self._dtype),
+            sum_b=self._lane(sum_b),
+            den=self._lane(1 / (1 + (1 + rho) * sum_b / 2)),
+            rho=self._lane(rho),
+            gain=self._lane(gain),
+            pole=self._lane(pole),
+            sum_z=self._lane(0 * one),
+            tail=self._lane(0 * one),
+            force=aligned((time_loop.STRIDE, LANES), self._dtype),
+            velocity=aligned((time_loop.STRIDE, LANES), self._dtype),
+        )
+
     def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the gesture's shapes in this chunk: (samples,), or each lane's own, (groups, samples, 8)."""
         if self._own_tables:
@@ -160,10 +222,12 @@ class Block:
 
     def _table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
         """Return shapes as the kernel needs them: those of cells, (cells, samples), by lanes; a common one as it is."""
-        if shape.ndim == 1:
-            return shape.astype(self._dtype)
-        table: NDArray[Any] = np.empty((self._groups, shape.shape[1], LANES), self._dtype)
-        table[:] = self._padded(shape).reshape(self._groups, LANES, -1).transpose(0, 2, 1)
+        return shape.astype(self._dtype) if shape.ndim == 1 else self._by_groups(self._padded(shape))
+
+    def _by_groups(self, rows: NDArray[np.float64]) -> NDArray[Any]:
+        """Lay out rows, one a lane, as the kernel needs them: (groups, columns, 8)."""
+        table: NDArray[Any] = aligned((len(rows) // LANES, rows.shape[1], LANES), self._dtype)
+        table[:] = rows.reshape(-1, LANES, rows.shape[1]).transpose(0, 2, 1)
         return table
 
     def _padded(self, values: NDArray[Any]) -> NDArray[Any]:
@@ -203,6 +267,7 @@ class Block:
             last=np.full(self._groups, r.first + len(r.taps) - 1),
             ahead=np.full(self._groups, r.soonest),
             tail=tail,
+            body=None,
             **self._ring(r.last, len(r.taps)),
         )
 
@@ -211,13 +276,14 @@ class Block:
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
         taps, last = self._windows([(r.first, r.taps) for r in each])
-        tails, tail_last = self._windows([(r.tail_first if r.tail else r.first, (1.0,)) for r in each])
+        tails, tail_last = self._windows([(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each])
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
         return Side(
             taps=taps,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
             tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
+            body=None,
             **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
         )
 
@@ -245,16 +311,17 @@ def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:
     -------
     dict of str to ndarray, shape (samples,)
         ``bridge_force``, ``v`` (string surface), ``v_h``, ``v_centre`` and ``friction_force``, float64, final bow speed
-        = 1; ``slipping``, bool, the state after the step.
+        = 1; ``slipping``, bool, the state after the step. Where there are modes of a body, ``bridge_velocity`` and
+        ``bridge_force_real``, the force on the bridge over Z_0; with thermal friction ``temperature``, K.
     """
     block = Block(parameters, {"f_asym": [parameters.f_asym]}, trace=True)
-    (y,) = block._cells.of_ends("y")
+    (y,) = block.admittance
     parts = []
     for _ in range(parameters.chunks):
         block.advance()
         assert block.traces is not None
         parts.append(block.traces[:, :, 0].astype(np.float64))
-    waveforms: dict[str, NDArray[Any]] = dict(zip(TRACES, np.concatenate(parts, axis=1), strict=True))
+    waveforms: dict[str, NDArray[Any]] = dict(zip(block.trace_names, np.concatenate(parts, axis=1), strict=True))
     waveforms["friction_force"] = waveforms["friction_force"] / y
     waveforms["slipping"] = waveforms["slipping"] != 0
     return waveforms

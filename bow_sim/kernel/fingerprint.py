@@ -13,16 +13,21 @@ import numpy as np
 SOURCES = (
     "kernel/block",
     "kernel/arguments",
+    "kernel/body",
+    "kernel/hair",
     "kernel/time_loop",
     "simd/rows",
     "simd/lanes",
     "simd/jit",
+    "physics/body",
     "physics/friction",
     "physics/gesture",
     "physics/reflection",
     "physics/reflection_text",
     "physics/number_files",
     "physics/cells",
+    "physics/fields",
+    "physics/instruments",
     "physics/parameters",
 )
 """The modules of `bow_sim` that decide the waveforms; a test finds one that is missing."""

@@ -18,7 +18,9 @@ import numpy as np
 from numba import types
 
 from bow_sim.kernel.arguments import Gesture, Output, State, String
-from bow_sim.physics.friction import solve
+from bow_sim.kernel.body import of_body, reflect_at_body
+from bow_sim.kernel.hair import pull_hair, with_hair
+from bow_sim.physics.friction import solve, state_of
 from bow_sim.simd.jit import INLINE, njit, overload
 from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, spread, store
 from bow_sim.simd.rows import fir_of, transpose
@@ -141,6 +143,7 @@ def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
     oldest = start + _row(position - side.last[group], side.length)
     _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, u, n)
     _add_tail(side, side.tail, group, start, position, u, n)
+    reflect_at_body(side.body, side.arrived, group, u, n)
     return u + n
 
 
@@ -246,7 +249,8 @@ def build(version: int) -> Any:
     where ``h * out`` is the convolution of an outgoing wave with a reflection function, f_b and v_b are the gesture's
     force and speed, and :func:`bow_sim.physics.friction.solve` finds the slip speed ``s = v_b - v`` and whether the
     string slips. ``out_b`` is the bridge force. In the code, ``push = Y f = v_b - v_h - s``, of which the share
-    Y_T/2Y goes into each transverse wave and Y_R/2Y into each torsional one.
+    Y_T/2Y goes into each transverse wave and Y_R/2Y into each torsional one. With elastic hair, the velocity of its
+    spring is added to v_b, and Y' stands for Y (PHYSICS.md section 12).
 
     Parameters
     ----------
@@ -265,7 +269,7 @@ def build(version: int) -> Any:
 
     @njit(nogil=True, cache=version != 0, error_model="numpy", _nrt=False)
     def advance(start: int, samples: int, string: String, gesture: Gesture, state: State, output: Output) -> int:
-        bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r = string
+        bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r, hair = string
         slipping, totals = state
         bridge_force, intervals, traces = output
         for group in range(slipping.shape[0]):
@@ -300,6 +304,7 @@ def build(version: int) -> Any:
                     f_b = f_end + f_step * _shape(gesture.force, group, t0 + u)
                     v_b = v_0 + v_1 * _shape(gesture.speed, group, t0 + u)
                     v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
+                    v_b = with_hair(hair, base, v_b)
                     d = v_b - v_h
                     s, slips = solve(law, base, d, f_b, slips)
                     push = d - s  # Y f
@@ -312,7 +317,9 @@ def build(version: int) -> Any:
                     total = choose(slips, total + s, 0.0)
                     store(totals, (u + 1) * LANES, total)
                     states |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
-                    waves = (out_b, v_b - s, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
+                    v = pull_hair(hair, base, push, v_h, v_b - s)
+                    waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
+                    waves = waves + of_body(bridge.body, u) + state_of(law, base)
                     _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
                 row = group * (bridge.length + bridge.guard) + first
                 _write(bridge.ring, row * LANES, steps, bridge_force, base, t0)

@@ -2,6 +2,9 @@
 
 errors           the error for a wrong parameter
 parameters       one simulation as flat, typed data; models, gestures and friction laws by name
+fields           fields of parameters: meaning, unit, source, range
+instruments      real strings, bows and rosins by name, and values in SI units
+body             modes of the violin body at the bridge
 reflection       the reflection functions of each model of the hierarchy
 reflection_text  one reflection function as data, as text and as a file
 number_files     text files of numbers that other programs write

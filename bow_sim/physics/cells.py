@@ -11,11 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.instruments import SI, lanes_in_paper_units
 from bow_sim.physics.parameters import FIELDS, SWEEPABLE, TYPES, Parameters, Range, check_friction
 from bow_sim.physics.reflection import Ends, ends
 
-FREE = frozenset({"f_asym", "f_init_ratio", "tau_f", "tau_v", "acceleration", "v_b", "mu_s", "mu_d", "v_mid"})
-"""Parameters of gesture and friction; the other sweepable ones change the reflection functions."""
+FREE = frozenset({"f_asym", "f_init_ratio", "tau_f", "tau_v", "acceleration", "v_b", "mu_s", "mu_d", "v_mid"}) | {
+    name for name in FIELDS if name.startswith(("hair_", "rosin_", "ribbon_", "v_unit"))
+}
+"""Parameters of gesture, bow and friction; the other sweepable ones change the reflection functions."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,18 @@ class Cells:
         values = np.array([getattr(e, name) for e in self.ends])
         return np.full(self.count, values[0]) if len(values) == 1 else values
 
+    def hair_admittance(self) -> NDArray[np.float64]:
+        """Return ``2 Z_0/R`` of the dashpot R of the bow hair, as y_t is 2; shape (cells,), 0 for a rigid bow.
+
+        See PHYSICS.md section 12.
+        """
+        r = self.value("hair_r")
+        return np.where(r > 0, self.of_ends("y_t") * self.value("z_0") / np.where(r > 0, r, 1.0), 0.0)
+
+    def bow_admittance(self) -> NDArray[np.float64]:
+        """Return the admittance that the friction force meets, string and hair together; shape (cells,)."""
+        return self.of_ends("y") + self.hair_admittance()
+
 
 def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
     """Check the parameters that differ between cells, and compute the reflection functions.
@@ -67,7 +82,7 @@ def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
     ParameterError
         Naming ``lanes.<parameter>[<cell>]`` and the value.
     """
-    arrays = {name: _lane(name, values) for name, values in lanes.items()}
+    arrays = {name: _lane(name, values) for name, values in paper_lanes(parameters, lanes).items()}
     sizes = {name: len(values) for name, values in arrays.items()}
     if not sizes or len(set(sizes.values())) > 1 or 0 in sizes.values():
         raise ParameterError(f"lanes: lengths {sizes}: must be one or more arrays of one length, at least 1")
@@ -80,6 +95,14 @@ def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
         return Cells(parameters, arrays, (ends(parameters),))
     columns = zip(*(arrays[name].tolist() for name in names), strict=True)
     return Cells(parameters, arrays, tuple(_ends(parameters, names, column, i) for i, column in enumerate(columns)))
+
+
+def paper_lanes(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """Return the values of cells, by name, with those in SI units as values of the paper's settings."""
+    if not lanes.keys() & SI.keys():
+        return dict(lanes)
+    arrays = {name: np.asarray(values, np.float64) for name, values in lanes.items()}
+    return dict(lanes_in_paper_units(arrays, vars(parameters), "lanes."))
 
 
 def _lane(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from bow_sim.physics.cells import Cells
 from bow_sim.simd.jit import INLINE, njit, overload
-from bow_sim.simd.lanes import absolute, choose, load, root
+from bow_sim.simd.lanes import absolute, choose, load, root, store
 
 
 class Hyperbola(NamedTuple):
@@ -74,7 +74,98 @@ def hyperbola(a: Any, limit: Any, slide: Any, d: Any, f_b: Any, slipping: Any) -
     return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
 
 
-_hyperbola = njit(**INLINE)(hyperbola)
+class Coulomb(NamedTuple):
+    """Two coefficients, without memory: sticks whenever it can (PHYSICS.md section 13; what Guettler 2002 assumes).
+
+    Parameters
+    ----------
+    limit, slide : ndarray, shape (lanes,)
+        ``Y mu_s`` and ``Y mu_d``.
+    """
+
+    limit: Any
+    slide: Any
+
+
+def coulomb(limit: Any, slide: Any, d: Any, f_b: Any) -> tuple[Any, Any]:
+    """Solve string and Coulomb friction for one step; parameters and results as in :func:`hyperbola`."""
+    x = absolute(d)
+    slips = x > f_b * limit
+    s = x - f_b * slide
+    return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
+
+
+class Thermal(NamedTuple):
+    """Friction that falls with the temperature of the contact (PHYSICS.md section 13).
+
+    Parameters
+    ----------
+    y : ndarray, shape (lanes,)
+        Admittance at the bow.
+    mu_s, share, t_g : ndarray, shape (lanes,)
+        ``mu(T) = mu_s (1 + share q)/(1 + q)`` with ``q = (T/t_g)**2``; t_g in K.
+    speed : ndarray, shape (lanes,)
+        m/s for a speed of 1.
+    load : ndarray, shape (lanes,)
+        ``2 Z_0 V/W`` where y_t is 2: newton per metre of ribbon for a bow force of 1.
+    step : ndarray, shape (lanes,)
+        ``dt/a_T``: time step over heat capacity.
+    flow, rest : ndarray, shape (lanes,)
+        ``b_T`` and ``c_T``: cooling while slipping, and always.
+    temperature : ndarray, shape (lanes,)
+        State: above that of the room, K.
+    """
+
+    y: Any
+    mu_s: Any
+    share: Any
+    t_g: Any
+    speed: Any
+    load: Any
+    step: Any
+    flow: Any
+    rest: Any
+    temperature: Any
+
+
+def thermal(law: Thermal, d: Any, f_b: Any) -> tuple[Any, Any, Any]:
+    """Solve string and thermal friction for one step.
+
+    Parameters
+    ----------
+    law : Thermal
+        Of numbers, arrays, or, in compiled code, lanes.
+    d, f_b : float or array
+        As in :func:`hyperbola`.
+
+    Returns
+    -------
+    s, slipping : float or array, bool or array
+        As in :func:`hyperbola`.
+    temperature : float or array
+        After this step, K.
+    """
+    y, mu_s, share, t_g, speed, load_, step, flow, rest, t = law
+    x = absolute(d)
+    pressed = f_b > 0.0
+    per_metre = choose(pressed, load_ * f_b, 1.0)
+    s, after = x, t
+    for _ in range(2):  # the second time with the mean temperature of the step
+        q = (t + after) * 0.5 / t_g
+        q = q * q
+        m = mu_s * (1.0 + share * q) / (1.0 + q)
+        s = x - y * f_b * m
+        s = choose(s > 0.0, s, 0.0)
+        u = s * speed
+        cooling = choose(pressed, flow * root(u / per_metre), 0.0) + rest
+        r = cooling * step
+        left = 1.0 / (1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0))))  # exp(-r), of exactly rounded operations
+        heated = choose(pressed, m * u / cooling, 0.0)
+        after = heated + (t - heated) * left
+    return choose(d < 0.0, -s, s), s > 0.0, after
+
+
+_hyperbola, _coulomb, _thermal = (njit(**INLINE)(law) for law in (hyperbola, coulomb, thermal))
 
 
 def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
@@ -106,13 +197,80 @@ def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> An
     )
 
 
+@overload(solve, strict=False, jit_options=INLINE)
+def _solve_coulomb(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
+    if getattr(law, "instance_class", None) is not Coulomb:
+        return None
+    return lambda law, lane, d, f_b, slipping: _coulomb(load(law.limit, lane), load(law.slide, lane), d, f_b)
+
+
+@overload(solve, strict=False, jit_options=INLINE)
+def _solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
+    if getattr(law, "instance_class", None) is not Thermal:
+        return None
+
+    def solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
+        values = (
+            load(law.y, lane),
+            load(law.mu_s, lane),
+            load(law.share, lane),
+            load(law.t_g, lane),
+            load(law.speed, lane),
+            load(law.load, lane),
+            load(law.step, lane),
+            load(law.flow, lane),
+            load(law.rest, lane),
+            load(law.temperature, lane),
+        )
+        s, slips, after = _thermal(values, d, f_b)
+        store(law.temperature, lane, after)
+        return s, slips
+
+    return solve_thermal
+
+
+def state_of(law: Any, lane: int) -> tuple[Any, ...]:
+    """Return the internal state of a law as waveforms of a step, a tuple of lanes; in compiled code only."""
+    raise NotImplementedError
+
+
+@overload(state_of, strict=False, jit_options=INLINE)
+def _overload_state_of(law: Any, lane: Any) -> Any:
+    if getattr(law, "instance_class", None) is Thermal:
+        return lambda law, lane: (load(law.temperature, lane),)
+    return lambda law, lane: ()
+
+
 def hyperbola_of(cells: Cells) -> Hyperbola:
     """Return the hyperbola of each cell, arrays of shape (cells,)."""
-    y = cells.of_ends("y")
+    y = cells.bow_admittance()
     return Hyperbola(cells.value("v_b") - cells.value("v_mid"), y * cells.value("mu_s"), y * cells.value("mu_d"))
 
 
-LAWS: dict[str, Callable[[Cells], Any]] = {"hyperbola": hyperbola_of}
+def coulomb_of(cells: Cells) -> Coulomb:
+    """Return Coulomb's law for each cell, arrays of shape (cells,)."""
+    y = cells.bow_admittance()
+    return Coulomb(y * cells.value("mu_s"), y * cells.value("mu_d"))
+
+
+def thermal_of(cells: Cells) -> Thermal:
+    """Return the thermal law of each cell, arrays of shape (cells,), at the temperature of the room."""
+    speed = cells.value("v_unit")
+    return Thermal(
+        y=cells.bow_admittance(),
+        mu_s=cells.value("mu_s"),
+        share=cells.value("rosin_hot"),
+        t_g=cells.value("rosin_t_g"),
+        speed=speed,
+        load=cells.of_ends("y_t") * cells.value("z_0") * speed / cells.value("ribbon_width"),
+        step=1 / (cells.value("sample_rate") * cells.value("rosin_heat")),
+        flow=cells.value("rosin_flow"),
+        rest=cells.value("rosin_rest"),
+        temperature=np.zeros(cells.count),
+    )
+
+
+LAWS: dict[str, Callable[[Cells], Any]] = {"hyperbola": hyperbola_of, "coulomb": coulomb_of, "thermal": thermal_of}
 """Name of a law, as in :data:`bow_sim.physics.parameters.FRICTIONS` -> what makes it for cells."""
 
 

@@ -45,7 +45,7 @@ def levels(gesture: str, f_asym: Any, f_init_ratio: Any, v_b: Any) -> Levels:
     f_step = ratio * f_asym - f_asym
     if gesture == "martele":
         return Levels(f_asym, f_step, v_b, -v_b)
-    if gesture == "constant_acceleration":
+    if gesture in ("accelerate_to", "guettler"):
         return Levels(f_asym, f_step, 0.0 * v_b, v_b)
     return Levels(f_asym, f_step, v_b, 0.0 * v_b)
 
@@ -59,9 +59,9 @@ def decay(tau: float, start: int, samples: int) -> NDArray[np.float64]:
 
 
 @functools.lru_cache(maxsize=4096)
-def ramp(rise: float, start: int, samples: int) -> NDArray[np.float64]:
-    """Return ``min(1, rise t)`` at ``t = start ... start + samples - 1``, read-only."""
-    table = np.minimum(1.0, rise * np.arange(start, start + samples, dtype=np.float64))
+def ramp(rise: float, most: float, start: int, samples: int) -> NDArray[np.float64]:
+    """Return ``min(most, rise t)`` at ``t = start ... start + samples - 1``, read-only."""
+    table = np.minimum(most, rise * np.arange(start, start + samples, dtype=np.float64))
     table.setflags(write=False)
     return table
 
@@ -113,8 +113,8 @@ def _shapes(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     if gesture == "martele":
         return decay(tau_f, start, samples), decay(tau_v, start, samples)
-    if gesture == "constant_acceleration":
-        return decay(tau_f, start, samples), ramp(rise, start, samples)
+    if gesture in ("accelerate_to", "guettler"):
+        return decay(tau_f, start, samples), ramp(rise, 1.0 if gesture == "accelerate_to" else math.inf, start, samples)
     return decay(tau_f, start, samples), zeros(samples)
 
 

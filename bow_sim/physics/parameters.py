@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
+from bow_sim.physics import body, instruments
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.fields import Range, article, as_number, choice, function, number, text
 from bow_sim.physics.reflection_text import FUNCTIONS, check, parse
 
 CHUNK_PERIODS = 5
@@ -36,63 +37,19 @@ GESTURES: dict[str, str] = {
     "exponential": "bow force from f_init to f_asym with time constant tau_f, bow speed constant (III.C)",
     "martele": "bow force as exponential while bow speed rises from 0 to v_b with time constant tau_v (II.A)",
     "string_crossing": "bow already moving at v_b, force rising from 0 to f_asym with time constant tau_f (II.A)",
-    "constant_acceleration": "bow speed rises by acceleration per period until v_b; force as exponential (Guettler)",
+    "accelerate_to": "bow speed rises by acceleration per period until v_b; force as exponential",
+    "guettler": "bow speed rises by acceleration per period without end; force as exponential (PHYSICS.md 14)",
 }
 """Names of the bowing gestures, with descriptions."""
 
 FRICTIONS: dict[str, str] = {
-    "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)"
+    "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)",
+    "coulomb": "mu_s on the point of sticking, mu_d sliding; sticks whenever it can (PHYSICS.md 13)",
+    "thermal": "falls with the temperature of the rosin, needs z_0 and v_unit (PHYSICS.md 13)",
 }
 """Names of the friction laws, with descriptions."""
 
 DTYPES = ("float64", "float32")
-
-BRIDGES: dict[str, dict[str, float]] = {
-    "surrogate": {"bridge_r": 25.0, "bridge_w_c": 4.0},
-    "t60": {"bridge_r": 63.5, "bridge_w_c": 1.4},
-}
-"""Named values of Cremer's spring and dashpot, set by ``bridge=NAME``: *surrogate* is calibrated to the Q factors of an
-open A string, *t60* is fitted to published decay times (PHYSICS.md section 3)."""
-
-
-class Range(NamedTuple):
-    """The values that a number may have; an open end is not allowed itself."""
-
-    low: float
-    high: float
-    low_open: bool = False
-    high_open: bool = False
-
-    def holds(self, value: float) -> bool:
-        """Return whether the value lies in the range; NaN does not."""
-        above = value > self.low if self.low_open else value >= self.low
-        below = value < self.high if self.high_open else value <= self.high
-        return above and below
-
-    def __str__(self) -> str:
-        low = f"> {self.low:g}" if self.low_open else f">= {self.low:g}"
-        high = f"< {self.high:g}" if self.high_open else f"<= {self.high:g}"
-        return f"{low} and {high}"
-
-
-def _number(
-    default: float, low: float, high: float, unit: str, source: str, doc: str, ends: str = "[]", scale: str = "linear"
-) -> Any:
-    """Return a field with a range; ``ends`` is one of ``[] () (] [)`` as in mathematics."""
-    limits = Range(low, high, ends[0] == "(", ends[1] == ")")
-    return field(
-        default=default, metadata={"doc": doc, "unit": unit, "source": source, "range": limits, "scale": scale}
-    )
-
-
-def _function(side: str) -> Any:
-    """Return a field for a reflection function as text; see :func:`bow_sim.physics.reflection_text.parse`."""
-    doc = f"reflection function {side} in place of the model's own, as text; empty for the model's own"
-    return field(default="", metadata={"doc": doc, "unit": "", "source": "section II.B"})
-
-
-def _choice(default: str, choices: Iterable[str], source: str, doc: str) -> Any:
-    return field(default=default, metadata={"doc": doc, "unit": "", "source": source, "choices": tuple(choices)})
 
 
 @dataclass(frozen=True)
@@ -108,43 +65,63 @@ class Parameters:
         If a value is out of its range, of the wrong type, NaN, or contradicts another one.
     """
 
-    model: str = _choice("stiff_cremer", MODELS, "sections II.B, III.A", "model of the string")
-    sample_rate: float = _number(61160.0, 1000, 1e7, "Hz", "Appendix", "samples per second")
-    period: int = _number(139, 8, 4096, "samples", "Appendix", "nominal period of the string")
-    bow_bridge: int = _number(15, 1, 4095, "samples", "Appendix", "round trip bow-bridge-bow; beta = bow_bridge/period")
-    y_t: float = _number(2.0, 0, 1000, "1/impedance", "Appendix", "transverse characteristic admittance", "(]")
-    torsion_admittance: float = _number(0.617, 0, 10, "y_t", "Appendix", "torsional over transverse admittance")
-    torsion_speed: float = _number(2.4, 1, 20, "", "Appendix", "torsional over transverse wave speed")
-    torsion_width: float = _number(1.4, 0.1, 20, "samples", "Appendix", "tau of the Gaussian exp(-(t/tau)^2)")
-    torsion_gain: float = _number(0.95, 0, 1, "", "Appendix", "minus the sum of a torsional reflection function")
-    torsion_half: int = _number(5, 1, 64, "samples", "PHYSICS.md 3", "half the length of a torsional reflection")
-    bridge_r: float = _number(25.0, 1, 1e6, "1/y_t", "PHYSICS.md 3", "Cremer's dashpot at the bridge", "(]")
-    bridge_w_c: float = _number(4.0, 0, 1000, "w_1", "PHYSICS.md 3", "corner K/R of Cremer's bridge, w_1 = 2 pi/period")
-    stiffness_b: float = _number(5e-5, 0, 0.1, "", "PHYSICS.md 3", "bending stiffness B: f_n = n f_1 sqrt(1 + B n^2)")
-    nut_cutoff: float = _number(0.55, 0.01, 4, "pi rad/sample", "PHYSICS.md 3", "corner of the anti-alias filter")
-    nut_power: float = _number(4.0, 1, 64, "", "PHYSICS.md 3", "power of the anti-alias filter")
-    nut_gain: float = _number(0.98, 0, 1, "", "section II.B", "Raman: minus the reflection coefficient at the nut")
-    bridge_gain: float = _number(0.9, 0, 1, "", "section II.B", "Raman: minus the reflection coefficient at the bridge")
-    corner_width: float = _number(1.4, 0.1, 20, "samples", "section II.B", "rounded corner: tau of the Gaussians")
-    bridge_function: str = _function("at the bridge")
-    nut_function: str = _function("at the nut")
-    torsion_bridge_function: str = _function("of torsional waves at the bridge")
-    torsion_nut_function: str = _function("of torsional waves at the nut")
-    friction: str = _choice("hyperbola", FRICTIONS, "section III.C", "law of friction between bow and string")
-    mu_s: float = _number(0.8, 0, 100, "", "Appendix", "friction coefficient on the point of sticking", "(]")
-    mu_d: float = _number(0.3, 0, 100, "", "Appendix", "friction coefficient at high slip speed")
-    v_mid: float = _number(0.2, -1e6, 1e6, "v_b", "Appendix", "string speed where mu is midway; below v_b")
-    v_b: float = _number(1.0, 0, 1e6, "bow speed", "Appendix", "final bow speed", "(]")
-    gesture: str = _choice("exponential", GESTURES, "sections II.A, III.C", "how force and speed of the bow start")
-    f_asym: float = _number(5.5, 0, 1e6, "v_b impedance", "section III.C", "asymptotic bow force", "(]", "log")
-    f_init_ratio: float = _number(1.0, 0, 1e3, "f_asym", "section III.C", "initial bow force f_init/f_asym")
-    tau_f: float = _number(400.0, 0, 1e9, "samples", "Appendix", "time constant of the bow force", "(]")
-    tau_v: float = _number(400.0, 0, 1e9, "samples", "section II.A", "martele: time constant of the bow speed", "(]")
-    acceleration: float = _number(
-        0.2, 0, 1e6, "v_b/period", "Guettler 2002", "constant_acceleration: rise of the bow speed", "(]", "log"
+    model: str = choice("stiff_cremer", MODELS, "sections II.B, III.A", "model of the string")
+    sample_rate: float = number(61160.0, 1000, 1e7, "Hz", "Appendix", "samples per second")
+    period: int = number(139, 8, 4096, "samples", "Appendix", "nominal period of the string")
+    bow_bridge: int = number(15, 1, 4095, "samples", "Appendix", "round trip bow-bridge-bow; beta = bow_bridge/period")
+    bow_offset: float = number(
+        0.0, 0, 1, "samples", "PHYSICS.md 10", "what the round trip bow-bridge-bow has beyond bow_bridge", "[)"
     )
-    periods: int = _number(100, 5, 1_000_000, "periods", "section IV.A", "length of the simulation")
-    dtype: str = _choice("float64", DTYPES, "PHYSICS.md 8", "arithmetic of the simulation")
+    y_t: float = number(2.0, 0, 1000, "1/impedance", "Appendix", "transverse characteristic admittance", "(]")
+    torsion_admittance: float = number(0.617, 0, 10, "y_t", "Appendix", "torsional over transverse admittance")
+    torsion_speed: float = number(2.4, 1, 20, "", "Appendix", "torsional over transverse wave speed")
+    torsion_width: float = number(1.4, 0.1, 20, "samples", "Appendix", "tau of the Gaussian exp(-(t/tau)^2)")
+    torsion_gain: float = number(0.95, 0, 1, "", "Appendix", "minus the sum of a torsional reflection function")
+    torsion_half: int = number(5, 1, 64, "samples", "PHYSICS.md 3", "half the length of a torsional reflection")
+    bridge_r: float = number(25.0, 1, 1e6, "1/y_t", "PHYSICS.md 3", "Cremer's dashpot at the bridge", "(]")
+    bridge_w_c: float = number(4.0, 0, 1000, "w_1", "PHYSICS.md 3", "corner K/R of Cremer's bridge, w_1 = 2 pi/period")
+    stiffness_b: float = number(5e-5, 0, 0.1, "", "PHYSICS.md 3", "bending stiffness B: f_n = n f_1 sqrt(1 + B n^2)")
+    nut_cutoff: float = number(0.55, 0.01, 4, "pi rad/sample", "PHYSICS.md 3", "corner of the anti-alias filter")
+    nut_power: float = number(4.0, 1, 64, "", "PHYSICS.md 3", "power of the anti-alias filter")
+    nut_gain: float = number(0.98, 0, 1, "", "section II.B", "Raman: minus the reflection coefficient at the nut")
+    bridge_gain: float = number(0.9, 0, 1, "", "section II.B", "Raman: minus the reflection coefficient at the bridge")
+    corner_width: float = number(1.4, 0.1, 20, "samples", "section II.B", "rounded corner: tau of the Gaussians")
+    bridge_function: str = function("at the bridge")
+    nut_function: str = function("at the nut")
+    torsion_bridge_function: str = function("of torsional waves at the bridge")
+    torsion_nut_function: str = function("of torsional waves at the nut")
+    friction: str = choice("hyperbola", FRICTIONS, "section III.C", "law of friction between bow and string")
+    mu_s: float = number(0.8, 0, 100, "", "Appendix", "friction coefficient on the point of sticking", "(]")
+    mu_d: float = number(0.3, 0, 100, "", "Appendix", "friction coefficient at high slip speed")
+    v_mid: float = number(0.2, -1e6, 1e6, "v_b", "Appendix", "string speed where mu is midway; below v_b")
+    v_b: float = number(1.0, 0, 1e6, "bow speed", "Appendix", "final bow speed", "(]")
+    gesture: str = choice("exponential", GESTURES, "sections II.A, III.C", "how force and speed of the bow start")
+    f_asym: float = number(5.5, 0, 1e6, "v_b impedance", "section III.C", "asymptotic bow force", "(]", "log")
+    f_init_ratio: float = number(1.0, 0, 1e3, "f_asym", "section III.C", "initial bow force f_init/f_asym")
+    tau_f: float = number(400.0, 0, 1e9, "samples", "Appendix", "time constant of the bow force", "(]")
+    tau_v: float = number(400.0, 0, 1e9, "samples", "section II.A", "martele: time constant of the bow speed", "(]")
+    acceleration: float = number(
+        0.2, 0, 1e6, "v_b/period", "Guettler 2002", "accelerate_to, guettler: rise of the bow speed", "(]", "log"
+    )
+    z_0: float = number(0.0, 0, 1000, "kg/s", "PHYSICS.md 10", "characteristic impedance of the string; 0: not given")
+    v_unit: float = number(0.0, 0, 1000, "m/s", "PHYSICS.md 10", "what a speed of 1 is; 0: not given")
+    body: str = choice("none", body.SETS, "PHYSICS.md 11", "modes of the body at the bridge, by name")
+    body_modes: str = text(
+        "PHYSICS.md 11", "modes of a body of your own: f/Q/m, f/Q/m, ... in Hz and kg, or k0.01 for m"
+    )
+    body_scale: float = number(1.0, 0, 1000, "", "PHYSICS.md 11", "factor on the mobility of all modes of the body")
+    hair_k: float = number(0.0, 0, 1e12, "N/m", "PHYSICS.md 12", "spring of the bow hair")
+    hair_r: float = number(0.0, 0, 1e12, "kg/s", "PHYSICS.md 12", "dashpot of the bow hair; 0: a rigid bow")
+    rosin_t_g: float = number(25.0, 0, 1000, "K", "PHYSICS.md 13", "thermal: where friction has fallen halfway", "(]")
+    rosin_hot: float = number(0.4, 0, 1, "mu_s", "PHYSICS.md 13", "thermal: friction coefficient of hot rosin")
+    rosin_heat: float = number(1e-6, 0, 1, "m/K", "PHYSICS.md 13", "thermal: a_T, heat capacity", "(]")
+    rosin_flow: float = number(
+        0.22, 0, 1000, "W^(1/2)/(m^(1/2) K)", "PHYSICS.md 13", "thermal: b_T, heat taken away by sliding"
+    )
+    rosin_rest: float = number(1e-4, 0, 1, "m/(s K)", "PHYSICS.md 13", "thermal: c_T, heat lost always", "(]")
+    ribbon_width: float = number(0.01, 0, 1, "m", "PHYSICS.md 13", "thermal: width of the ribbon of hair", "(]")
+    periods: int = number(100, 5, 1_000_000, "periods", "section IV.A", "length of the simulation")
+    dtype: str = choice("float64", DTYPES, "PHYSICS.md 8", "arithmetic of the simulation")
 
     def __post_init__(self) -> None:
         for name in FIELDS:
@@ -153,9 +130,9 @@ class Parameters:
 
     def _check_together(self, path: str = "") -> None:
         check_friction(self.mu_s, self.mu_d, self.v_mid, self.v_b, path)
-        if self.bow_bridge >= self.period:
+        if self.bow_bridge + self.bow_offset > self.period - 1:
             raise ParameterError(
-                f"{path}bow_bridge = {self.bow_bridge}: must be less than period = {self.period}: "
+                f"{path}bow_bridge = {self.bridge_delay:g}: must be less than period = {self.period}: "
                 "the bow is on the string"
             )
         if self.periods % CHUNK_PERIODS:
@@ -164,11 +141,29 @@ class Parameters:
                 f"{path}periods = {self.periods}: must be a multiple of {CHUNK_PERIODS}, for instance {near}"
             )
         for name in FUNCTIONS:
-            text = getattr(self, name)
-            if text:
+            function_text = getattr(self, name)
+            if function_text:
                 if name.startswith("torsion") and not self.has_torsion:
                     raise ParameterError(f"{path}{name}: must be empty: {self.model} has no torsional reflections")
-                check(parse(text, path + name), path + name, self.sample_rate)
+                check(parse(function_text, path + name), path + name, self.sample_rate)
+        self._check_instrument(path)
+
+    def _check_instrument(self, path: str) -> None:
+        """Check what needs SI units."""
+        missing = "z_0" if not self.z_0 else "v_unit"
+        right = "string=NAME, or z_0=NUMBER in kg/s" if missing == "z_0" else "v_unit=NUMBER in m/s"
+        if self.friction == "thermal":
+            if not (self.z_0 and self.v_unit):
+                raise ParameterError(f"{path}friction = 'thermal': needs SI units, and there is no {missing}: {right}")
+            if self.dtype != "float64":
+                raise ParameterError(
+                    f"{path}dtype = {self.dtype!r}: thermal friction needs float64: its steps are small"
+                )
+        if self.hair_r and not self.z_0:
+            raise ParameterError(f"{path}hair_r = {self.hair_r!r}: needs SI units, and there is no z_0: {right}")
+        if self.body_modes and self.body != "none":
+            raise ParameterError(f"{path}body_modes: must be empty with body = {self.body!r}; give one of them")
+        body.modes(self.body, self.body_modes, self.sample_rate, self.period, self.z_0, self.body_scale, path)
 
     @property
     def has_torsion(self) -> bool:
@@ -178,12 +173,17 @@ class Parameters:
     @property
     def beta(self) -> float:
         """Distance of the bow from the bridge, as a fraction of the string's length."""
-        return self.bow_bridge / self.period
+        return self.bridge_delay / self.period
 
     @property
-    def nut_lag(self) -> int:
+    def bridge_delay(self) -> float:
+        """Round trip bow-bridge-bow, samples; a whole number where ``bow_offset`` is 0."""
+        return self.bow_bridge + self.bow_offset
+
+    @property
+    def nut_delay(self) -> float:
         """Round trip bow-nut-bow of an ideal string, samples."""
-        return self.period - self.bow_bridge
+        return self.period - self.bow_bridge - self.bow_offset
 
     @property
     def chunk_samples(self) -> int:
@@ -207,7 +207,8 @@ class Parameters:
         Parameters
         ----------
         mapping : Mapping[str, object]
-            Values by field name; numbers may be text. The extra key ``bridge`` names one of :data:`BRIDGES`.
+            Values by field name; numbers may be text. Extra keys name a preset, or give a value in SI units:
+            :mod:`bow_sim.physics.instruments` has both.
         path : str
             Where the mapping comes from, written before each key in error messages, for instance ``"fig11d.yaml: "``.
         """
@@ -221,13 +222,14 @@ class Parameters:
     @staticmethod
     def _from(base: Parameters, mapping: Mapping[str, object], path: str) -> Parameters:
         given = {str(key): value for key, value in mapping.items()}
-        values: dict[str, Any] = {}
-        if "bridge" in given:
-            values.update(_bridge(given.pop("bridge"), path))
+        values: dict[str, Any] = instruments.take_presets(given, path)
+        si = {key: given.pop(key) for key in instruments.SI & given.keys()}
         for key, value in given.items():
             if key not in FIELDS:
                 raise ParameterError(f"{path}{key} = {value!r}: unknown parameter{_nearest(key)}")
             values[key] = coerce(key, value, path)
+        everything = {name: getattr(base, name) for name in FIELDS} | values
+        values |= instruments.in_paper_units(si, values, everything, path)
         try:
             return dataclasses.replace(base, **values)
         except ParameterError as error:
@@ -289,10 +291,10 @@ def coerce(name: str, value: object, path: str = "") -> Any:
             )
         return value
     limits: Range = meta["range"]
-    right = f"must be {_article(TYPES[name])} {limits} ({meta['doc']}" + (
+    right = f"must be {article(TYPES[name])} {limits} ({meta['doc']}" + (
         f", in {meta['unit']})" if meta["unit"] else ")"
     )
-    number = _as_number(value)
+    number = as_number(value)
     if number is None or not limits.holds(number):
         raise ParameterError(f"{where}: {right}")
     if TYPES[name] is int:
@@ -302,42 +304,21 @@ def coerce(name: str, value: object, path: str = "") -> Any:
     return float(number)
 
 
-def _as_number(value: object) -> float | None:
-    """Return a value, or its text, as a finite number; None if it is not one."""
-    if isinstance(value, (bool, bytes)):
-        return None
-    try:
-        number = float(value)  # type: ignore[arg-type]  # whatever float() takes, NumPy scalars too
-    except (TypeError, ValueError):
-        return None
-    return number if math.isfinite(number) else None
-
-
-def _article(kind: type) -> str:
-    return "a whole number" if kind is int else "a number"
-
-
-def _bridge(name: object, path: str) -> dict[str, float]:
-    if not isinstance(name, str) or name not in BRIDGES:
-        raise ParameterError(f"{path}bridge = {name!r}: must be one of {', '.join(BRIDGES)}")
-    return BRIDGES[name]
-
-
 @functools.lru_cache(maxsize=64)
 def _nearest(key: str) -> str:
     import difflib
 
-    close = difflib.get_close_matches(key, FIELDS, n=1)
+    close = difflib.get_close_matches(key, [*FIELDS, *instruments.SI, *instruments.PRESETS], n=1)
     return f"; did you mean {close[0]}?" if close else f"; the parameters are {', '.join(sorted(FIELDS))}"
 
 
 def parse_settings(settings: Iterable[str], path: str = "") -> dict[str, str]:
     """Return ``name=value`` texts as a mapping of texts; the last of a name counts."""
     mapping: dict[str, str] = {}
-    for text in settings:
-        name, separator, value = text.partition("=")
+    for setting in settings:
+        name, separator, value = setting.partition("=")
         if not separator or not name.strip():
-            raise ParameterError(f"{path}{text!r}: must have the form name=value")
+            raise ParameterError(f"{path}{setting!r}: must have the form name=value")
         mapping[name.strip()] = value.strip()
     return mapping
 

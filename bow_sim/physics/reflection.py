@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bow_sim.physics.body import Mode, modes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import FUNCTIONS, Reflection, check, embed_files, parse
@@ -44,6 +45,26 @@ NUT_LEFT_OUT = 1e-7
 """Share of the energy of the stiff reflection that is cut off at each end (PHYSICS.md section 3)."""
 
 
+class Body(NamedTuple):
+    """Modes of the body in series with Cremer's spring and dashpot (PHYSICS.md section 11).
+
+    Parameters
+    ----------
+    modes : tuple of Mode
+    rho, gain, pole : float
+        Cremer's reflection ``-rho x - gain tail`` with ``tail = pole tail + x``; ``1, 0, 0`` for a bridge of another
+        kind.
+    sample_rate : float
+        Hz.
+    """
+
+    modes: tuple[Mode, ...]
+    rho: float
+    gain: float
+    pole: float
+    sample_rate: float
+
+
 class Ends(NamedTuple):
     """The string as the bow meets it.
 
@@ -53,6 +74,8 @@ class Ends(NamedTuple):
         Of transverse and of torsional waves at each end.
     y_t, y_r : float
         Characteristic admittances of transverse and torsional waves.
+    body : Body or None
+        Modes behind the bridge; `bridge` is then what arrives there, and the body sends it back.
     """
 
     bridge: Reflection
@@ -61,6 +84,7 @@ class Ends(NamedTuple):
     torsion_nut: Reflection
     y_t: float
     y_r: float
+    body: Body | None = None
 
     @property
     def y(self) -> float:
@@ -77,12 +101,46 @@ def delta(lag: int, gain: float = 1.0) -> Reflection:
     return Reflection((-gain,), lag)
 
 
-def cremer(lag: int, r: float, w_c: float, period: int) -> Reflection:
+def delayed(delay: float, gain: float = 1.0) -> Reflection:
+    """Return a rigid end after a delay that is no whole number of samples (PHYSICS.md section 10).
+
+    Lagrange interpolation, of third order with the delay between the two taps in the middle: nowhere more than
+    `gain`. A delay below 2 samples is interpolated linearly.
+
+    Parameters
+    ----------
+    delay : float
+        Samples, at least 1; a whole number gives :func:`delta`.
+    gain : float
+        Minus the sum of the taps.
+    """
+    whole = math.floor(delay)
+    d = delay - whole
+    if not d:
+        return delta(whole, gain)
+    if whole < 2:
+        return Reflection((-gain * (1 - d), -gain * d), whole)
+    # the delay is 1 + d samples after the first tap
+    taps = (
+        -d * (d - 1) * (d - 2) / 6,
+        (d + 1) * (d - 1) * (d - 2) / 2,
+        -(d + 1) * d * (d - 2) / 2,
+        (d + 1) * d * (d - 1) / 6,
+    )
+    return Reflection(tuple(-gain * x for x in taps), whole - 1)
+
+
+def cremer_rho(r: float) -> float:
+    """Return how much of a wave Cremer's bridge reflects at once, from its dashpot in units of the impedance."""
+    return (r - 1) / (r + 1)
+
+
+def cremer(delay: float, r: float, w_c: float, period: int) -> Reflection:
     """Return Cremer's bridge: a spring parallel to a dashpot (section III.A; PHYSICS.md section 3).
 
     Parameters
     ----------
-    lag : int
+    delay : float
         Round trip of the bow and the bridge, samples.
     r : float
         Dashpot, in units of the string's impedance.
@@ -92,18 +150,26 @@ def cremer(lag: int, r: float, w_c: float, period: int) -> Reflection:
         Nominal period, samples.
     """
     k = w_c * (2 * math.pi / period) * r
-    rho = (r - 1) / (r + 1)
+    rho = cremer_rho(r)
     p = math.exp(-k / (r + 1))
-    return Reflection((-rho,), lag, tail=-(1 - rho) * (1 - p), pole=p, tail_first=lag + 1)
+    arrives = delayed(delay, -1.0)
+    return Reflection(
+        tuple(-rho * x for x in arrives.taps),
+        arrives.first,
+        tail=-(1 - rho) * (1 - p),
+        pole=p,
+        tail_first=arrives.first + 1,
+        tail_taps=arrives.taps,
+    )
 
 
 @functools.lru_cache(maxsize=512)
-def stiff(lag: int, period: int, b: float, cutoff: float, power: float) -> Reflection:
+def stiff(lag: float, period: int, b: float, cutoff: float, power: float) -> Reflection:
     """Return the reflection of the long side of a string with bending stiffness (III.A; PHYSICS.md section 3).
 
     Parameters
     ----------
-    lag : int
+    lag : float
         Round trip of the bow and the nut for long waves, samples.
     period : int
         Nominal period, samples.
@@ -192,7 +258,7 @@ def friedlander(p: Parameters) -> Ends:
 
     Every periodic motion is unstable where the friction curve falls. Setting: ``model=friedlander``.
     """
-    return Ends(delta(p.bow_bridge), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, 0.0)
+    return Ends(delayed(p.bridge_delay), delayed(p.nut_delay), ABSORBED, ABSORBED, p.y_t, 0.0)
 
 
 def raman(p: Parameters) -> Ends:
@@ -200,7 +266,7 @@ def raman(p: Parameters) -> Ends:
 
     Waveforms are constant between jumps. Setting: ``model=raman``.
     """
-    bridge, nut = delta(p.bow_bridge, p.bridge_gain), delta(p.nut_lag, p.nut_gain)
+    bridge, nut = delayed(p.bridge_delay, p.bridge_gain), delayed(p.nut_delay, p.nut_gain)
     return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
 
 
@@ -209,7 +275,7 @@ def rounded_corner(p: Parameters) -> Ends:
 
     The Helmholtz corner has a finite extent, sharper at higher bow force. Setting: ``model=rounded_corner``.
     """
-    bridge, nut = (gaussian(float(d), p.corner_width, 1.0, p.torsion_half) for d in (p.bow_bridge, p.nut_lag))
+    bridge, nut = (gaussian(float(d), p.corner_width, 1.0, p.torsion_half) for d in (p.bridge_delay, p.nut_delay))
     return Ends(bridge, nut, ABSORBED, ABSORBED, p.y_t, 0.0)
 
 
@@ -219,26 +285,26 @@ def torsion_absorbed(p: Parameters) -> Ends:
     This is the same as a linear shear of the friction curve. Setting: ``model=torsion_absorbed``.
     """
     y_r = p.torsion_admittance * p.y_t
-    return Ends(_cremer(p), delta(p.nut_lag), ABSORBED, ABSORBED, p.y_t, y_r)
+    return Ends(_cremer(p), delayed(p.nut_delay), ABSORBED, ABSORBED, p.y_t, y_r)
 
 
 def delta_cremer(p: Parameters) -> Ends:
     """Cremer's bridge, a rigid nut, and torsional reflections (section III.A). Setting: ``model=delta_cremer``."""
     near, far = (
         gaussian(d / p.torsion_speed, p.torsion_width, p.torsion_gain, p.torsion_half)
-        for d in (p.bow_bridge, p.nut_lag)
+        for d in (p.bridge_delay, p.nut_delay)
     )
-    return Ends(_cremer(p), delta(p.nut_lag), near, far, p.y_t, p.torsion_admittance * p.y_t)
+    return Ends(_cremer(p), delayed(p.nut_delay), near, far, p.y_t, p.torsion_admittance * p.y_t)
 
 
 def stiff_cremer(p: Parameters) -> Ends:
     """The same with a stiff string's dispersion on the long side (section III.A). Setting: ``model=stiff_cremer``."""
-    nut = stiff(p.nut_lag, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
+    nut = stiff(p.nut_delay, p.period, p.stiffness_b, p.nut_cutoff, p.nut_power)
     return delta_cremer(p)._replace(nut=nut)
 
 
 def _cremer(p: Parameters) -> Reflection:
-    return cremer(p.bow_bridge, p.bridge_r, p.bridge_w_c, p.period)
+    return cremer(p.bridge_delay, p.bridge_r, p.bridge_w_c, p.period)
 
 
 HIERARCHY: dict[str, Callable[[Parameters], Ends]] = {
@@ -250,6 +316,9 @@ HIERARCHY: dict[str, Callable[[Parameters], Ends]] = {
     "stiff_cremer": stiff_cremer,
 }
 """The models by name, as in :data:`bow_sim.physics.parameters.MODELS`."""
+
+CREMER = ("torsion_absorbed", "delta_cremer", "stiff_cremer")
+"""The models with Cremer's spring and dashpot at the bridge."""
 
 
 def ends(p: Parameters) -> Ends:
@@ -271,4 +340,13 @@ def ends(p: Parameters) -> Ends:
     given: dict[str, Any] = {
         name.removesuffix("_function"): parse(text, name) for name in FUNCTIONS if (text := getattr(p, name))
     }
-    return HIERARCHY[p.model](p)._replace(**given)
+    made = HIERARCHY[p.model](p)._replace(**given)
+    if p.body == "none" and not p.body_modes:
+        return made
+    found = modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale)
+    near = made.bridge
+    if p.model in CREMER and "bridge" not in given:
+        body = Body(found, cremer_rho(p.bridge_r), -near.tail, near.pole, p.sample_rate)
+        return made._replace(bridge=delayed(p.bridge_delay, -1.0), body=body)
+    arrives = Reflection(tuple(-x for x in near.taps), near.first, -near.tail, near.pole, near.tail_first)
+    return made._replace(bridge=arrives, body=Body(found, 1.0, 0.0, 0.0, p.sample_rate))

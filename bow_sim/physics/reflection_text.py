@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics.body import read_modes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
 
@@ -29,14 +30,15 @@ GAIN_TOLERANCE = 1e-6
 MAX_LAG = 1 << 16
 """Greatest lag of a user's reflection function, samples."""
 
-_KEYS = ("first", "taps", "tail", "pole", "tail_first")
+_KEYS = ("first", "taps", "tail", "pole", "tail_first", "tail_taps")
 
 
 @dataclass(frozen=True)
 class Reflection:
     """One reflection function: ``in[t] = sum_k taps[k] out[t - first - k] + tail``.
 
-    The tail is ``tail * sum_k pole**k out[t - tail_first - k]``, computed by one multiply-add a step.
+    The tail is ``tail * sum_k pole**k x[t - k]``, computed by one multiply-add a step, with
+    ``x[t] = sum_j tail_taps[j] out[t - tail_first - j]``.
 
     Parameters
     ----------
@@ -48,6 +50,8 @@ class Reflection:
         Size and ratio of the exponential tail; ``tail = 0`` for none.
     tail_first : int
         Lag of the tail's first sample, samples.
+    tail_taps : tuple of float
+        What the tail is made of; more than one tap where its lag is between two samples.
     """
 
     taps: tuple[float, ...]
@@ -55,11 +59,12 @@ class Reflection:
     tail: float = 0.0
     pole: float = 0.0
     tail_first: int = 1
+    tail_taps: tuple[float, ...] = (1.0,)
 
     @property
     def last(self) -> int:
         """The greatest lag, samples."""
-        return max(self.first + len(self.taps) - 1, self.tail_first if self.tail else 0)
+        return max(self.first + len(self.taps) - 1, self.tail_first + len(self.tail_taps) - 1 if self.tail else 0)
 
     @property
     def soonest(self) -> int:
@@ -78,12 +83,10 @@ class Reflection:
         ndarray of complex, the same shape
         """
         step = 1.0 / np.asarray(z, dtype=np.complex128)
-        total = np.zeros_like(step)
-        for tap in reversed(self.taps):  # Horner
-            total = total * step + tap
-        total = total * step**self.first
+        total = _polynomial(self.taps, step) * step**self.first
         if self.tail:
-            total = total + self.tail * step**self.tail_first / (1.0 - self.pole * step)
+            start = _polynomial(self.tail_taps, step) * step**self.tail_first
+            total = total + self.tail * start / (1.0 - self.pole * step)
         return total
 
     def impulse(self, samples: int) -> NDArray[np.float64]:
@@ -97,13 +100,24 @@ class Reflection:
         h[self.first : self.first + len(self.taps)] = self.taps
         h = h[:samples]
         if self.tail and samples > self.tail_first:
-            h[self.tail_first :] += self.tail * self.pole ** np.arange(samples - self.tail_first, dtype=np.float64)
+            decay = self.tail * self.pole ** np.arange(samples - self.tail_first, dtype=np.float64)
+            h[self.tail_first :] += np.convolve(self.tail_taps, decay)[: len(decay)]
         return h
 
     def text(self) -> str:
         """Return the function as text, which :func:`parse` reads back bit for bit."""
         words = f"first={self.first} taps={','.join(repr(x) for x in self.taps)}"
-        return words + (f" tail={self.tail!r} pole={self.pole!r} tail_first={self.tail_first}" if self.tail else "")
+        if not self.tail:
+            return words
+        words += f" tail={self.tail!r} pole={self.pole!r} tail_first={self.tail_first}"
+        return words if self.tail_taps == (1.0,) else f"{words} tail_taps={','.join(map(repr, self.tail_taps))}"
+
+
+def _polynomial(coefficients: tuple[float, ...], x: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    total = np.zeros_like(x)
+    for coefficient in reversed(coefficients):  # Horner
+        total = total * x + coefficient
+    return total
 
 
 @functools.lru_cache(maxsize=256)
@@ -128,7 +142,7 @@ def parse(text: str, name: str = "reflection function") -> Reflection:
         if not equals or key not in _KEYS or key in given:
             raise ParameterError(
                 f"{name}: {_short(word)!r}: must be one of first=LAG, taps=NUMBER,NUMBER,..., tail=NUMBER, "
-                "pole=NUMBER, tail_first=LAG, each once, separated by spaces"
+                "pole=NUMBER, tail_first=LAG, tail_taps=NUMBER,NUMBER,..., each once, separated by spaces"
             )
         given[key] = value
     if "first" not in given or "taps" not in given:
@@ -140,6 +154,7 @@ def parse(text: str, name: str = "reflection function") -> Reflection:
         _number(given.get("tail", "0"), f"{name}: tail"),
         _number(given.get("pole", "0"), f"{name}: pole"),
         _lag(given.get("tail_first", str(first + 1 if "tail" in given else 1)), f"{name}: tail_first"),
+        tuple(_number(x, f"{name}: tail_taps[{i}]") for i, x in enumerate(given.get("tail_taps", "1").split(","))),
     )
 
 
@@ -230,7 +245,7 @@ def read(path: str | Path) -> str:
 
 
 def embed_files(settings: Iterable[str]) -> tuple[str, ...]:
-    """Replace ``NAME_function=@FILE`` by the function that the file holds; for command lines only.
+    """Replace ``NAME_function=@FILE`` and ``body_modes=@FILE`` by what the file holds; for command lines only.
 
     Parameters
     ----------
@@ -246,6 +261,8 @@ def embed_files(settings: Iterable[str]) -> tuple[str, ...]:
         name, _, value = setting.partition("=")
         if name.strip() in FUNCTIONS and value.strip().startswith("@"):
             done.append(f"{name.strip()}={read(value.strip()[1:])}")
+        elif name.strip() == "body_modes" and value.strip().startswith("@"):
+            done.append(f"body_modes={read_modes(value.strip()[1:])}")
         else:
             done.append(setting)
     return tuple(done)

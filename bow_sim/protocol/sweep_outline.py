@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics.cells import paper_lanes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
@@ -149,11 +150,13 @@ class SweepOutline:
         return self.planned.block(block)
 
     def values(self, name: str, cells: NDArray[np.integer]) -> NDArray[np.float64]:
-        """Return the value of a numeric parameter at some cells, (cells,)."""
+        """Return the value of a numeric parameter, in the paper's units, at some cells, (cells,)."""
         iy, ix = np.divmod(np.asarray(cells, np.int64), self.x.count)
-        for axis, index in ((self.x, ix), (self.y, iy)):
-            if axis.name == name:
-                return axis.values()[index]
+        lanes = paper_lanes(
+            self.parameters, {axis.name: axis.values()[index] for axis, index in ((self.x, ix), (self.y, iy))}
+        )
+        if name in lanes:
+            return np.asarray(lanes[name], np.float64)
         return np.full(len(ix), getattr(self.parameters, name), np.float64)
 
     def identity_objection(self, values: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters, parse_settings
 from bow_sim.protocol.limits import MAX_CELLS
 
@@ -91,8 +92,9 @@ class Axis:
 
     def _check(self, key: str) -> None:
         """Raise ParameterError, which names the setting, for an axis that cannot be."""
-        if self.name not in SWEEPABLE:
-            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {', '.join(sorted(SWEEPABLE))}")
+        if self.name not in SWEEPABLE | SI.keys():
+            known = ", ".join(sorted(SWEEPABLE | SI.keys()))
+            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {known}")
         if self.scale not in ("log", "linear"):
             raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
         if not 1 <= self.count <= MAX_CELLS:
@@ -105,7 +107,7 @@ class Axis:
                 raise ParameterError(f"{key}.{name} = {value}: should be above 0 on a logarithmic axis")
         if self.count > 1 and self.first == self.last:
             raise ParameterError(f"{key}.last = {self.last}: {self.count} values need it to differ from {key}.first")
-        if TYPES[self.name] is int and (self.values() % 1).any():
+        if TYPES.get(self.name) is int and (self.values() % 1).any():
             raise ParameterError(
                 f"{key}.count = {self.count}: {self.name} takes whole numbers, and {self.first:g} ... {self.last:g} "
                 f"in so many {self.scale} steps are not; for instance {key}.scale=linear and one step each"

@@ -13,13 +13,16 @@ TAIL_PERIODS = 20
 NEAR = 0.12
 """Share of the nominal period by which a period may differ from it and still be looked for."""
 
+LEAST_CORRELATION = 0.7
+"""Correlation of successive periods below which a motion is not periodic here; verdicts have their own thresholds."""
+
 FLOOR_DB = -120.0
 """Lower end of spectra, relative to the strongest component."""
 
 PADDING = 4
 """Spectra have this times as many points as the tail has samples for: smooth curves, no more information."""
 
-SILENCE = 1e-9
+SILENCE = 1e-4
 """Amplitude below which a waveform is at rest; final bow speed = 1."""
 
 
@@ -72,25 +75,26 @@ def period_of(force: NDArray[np.floating], nominal: int) -> float | None:
     Returns
     -------
     float or None
-        Samples; None where the waveform is too short or at rest, or has no maximum near the nominal period.
+        Samples; None where the waveform is too short, at rest, or not periodic near the nominal period.
     """
     tail = np.asarray(force[-TAIL_PERIODS * nominal :], float)
     if len(tail) < 3 * nominal or np.ptp(tail) < SILENCE:
         return None
     tail = tail - tail.mean()
-    search = max(2, round(NEAR * nominal))
-    lag = _peak(tail, nominal, search)
-    multiple = 2
-    while lag is not None and (multiple + 1) * lag < len(tail):
+    found = _peak(tail, nominal, max(2, round(NEAR * nominal)))
+    if found is None or found[1] < LEAST_CORRELATION:
+        return None
+    lag, multiple = found[0], 2
+    while (multiple + 1) * lag < len(tail):
         found = _peak(tail, round(multiple * lag), max(2, round(0.02 * nominal)))
-        if found is None:
+        if found is None or found[1] < LEAST_CORRELATION:
             break
-        lag, multiple = found / multiple, 2 * multiple
+        lag, multiple = found[0] / multiple, 2 * multiple
     return lag
 
 
-def _peak(wave: NDArray[np.float64], near: int, within: int) -> float | None:
-    """Return the lag of the largest normalised correlation of a waveform with itself; None where it is at an end."""
+def _peak(wave: NDArray[np.float64], near: int, within: int) -> tuple[float, float] | None:
+    """Return lag and height of the largest correlation of a waveform with itself; None where it is at an end."""
     lags = np.arange(max(1, near - within), min(len(wave) - 2, near + within) + 1)
     score = np.array([_correlation(wave, int(lag)) for lag in lags])
     best = int(np.argmax(score)) if len(score) else 0
@@ -98,7 +102,7 @@ def _peak(wave: NDArray[np.float64], near: int, within: int) -> float | None:
         return None
     left, middle, right = score[best - 1 : best + 2]
     bend = left - 2 * middle + right
-    return float(lags[best] + (0.5 * (left - right) / bend if bend < 0 else 0.0))
+    return float(lags[best] + (0.5 * (left - right) / bend if bend < 0 else 0.0)), float(middle)
 
 
 def _correlation(wave: NDArray[np.float64], lag: int) -> float:

@@ -75,7 +75,7 @@ class CellRecord(Waveform):
     parameters
         Everything that decides the waveform.
     tests
-        What the classifier said.
+        What the classifier said; of a computed cell on which the run has no verdicts, what it says here.
     transient_periods
         Periods until the tests first passed; 0 = never, NaN = not done.
     source

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.record.bag import BagError, bag_files
-from bow_sweep.record.bag_contents import Place, Progress, Survey
+from bow_sweep.record.bag_contents import Chunks, Place, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
-from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC, MESSAGE_FIXED, MESSAGE_HEAD
-from bow_sweep.record.old_messages import complete
-
-MOST_BYTES = 1 << 28
-"""Largest message that is read: the head of a damaged one may state any size."""
+from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC
+from bow_sweep.record.notes import too_new
 
 
 class DamagedCell(CellError):
@@ -74,12 +72,14 @@ class BagCells:
             self._survey.read(progress)
         except OSError as error:
             raise CellError(f"{directory}: cannot be read: {error.strerror}") from None
+        if why := too_new(self._survey.version):
+            raise CellError(f"{directory}: {why}")
         if self._survey.expected is None:
             what = self._survey.problems[0]["what"] if self._survey.problems else "no messages"
             raise CellError(f"{directory}: holds no plan, so no cell can be found in it ({what})")
         self.outline: SweepOutline = self._survey.expected
         self.fingerprint = str(self._survey.plan["fingerprint"])
-        self._files: dict[Path, int] = {}
+        self._chunks = Chunks()
         planned = self.outline.planned
         self._block = np.full(self.outline.cells, -1)
         self._row = np.zeros(self.outline.cells, int)
@@ -89,9 +89,7 @@ class BagCells:
 
     def close(self) -> None:
         """Close the files."""
-        for descriptor in self._files.values():
-            os.close(descriptor)
-        self._files.clear()
+        self._chunks.__exit__()
 
     def block_of(self, cell: int) -> int | None:
         """Return the block of a cell; None where an adaptive sweep has not planned it."""
@@ -103,6 +101,11 @@ class BagCells:
         force, slip = (self._survey.places[topic] for topic in ("bridge_force", "stick_slip"))
         keys = [] if block is None else [(block, chunk) for chunk in range(self.outline.chunks)]
         return sum(key in force and key in slip for key in keys)
+
+    def given_up(self, cell: int) -> bool:
+        """Return whether the run has given up the block of a cell: simulators died of it."""
+        block, states = self.block_of(cell), self._survey.plan["block_states"]
+        return block is not None and block < len(states) and states[block] == BlockState.QUARANTINED
 
     def checksum(self, block: int, chunk: int) -> int | None:
         """Return the checksum of a chunk's streams that a verdict or a receipt states; None where none does."""
@@ -122,17 +125,34 @@ class BagCells:
             raise DamagedCell(f"cell {cell}: not simulated in this run")
         parts = []
         for chunk in range(self.outline.chunks):
-            places = [self._survey.places[topic].get((block, chunk)) for topic in ("bridge_force", "stick_slip")]
-            if places[0] is None or places[1] is None:
+            if any((block, chunk) not in self._survey.places[topic] for topic in ("bridge_force", "stick_slip")):
                 have = f"{self.chunks_of(cell)} of {self.outline.chunks} chunks"
                 raise DamagedCell(f"cell {cell}: the bag has {have} of its block {block}; chunk {chunk} is missing")
             try:
-                force = self.outline.unseal("BridgeForce", self._read(places[0]))
-                slip = self.outline.unseal("StickSlip", self._read(places[1]))
-            except (BagError, cdr.WireError, OSError) as error:
-                raise DamagedCell(f"cell {cell}: block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+                force, slip = self.streams(block, chunk)
+            except DamagedCell as error:
+                raise DamagedCell(f"cell {cell}: {error}") from None
             parts.append(part_of(row, self.outline.chunk_samples, force["data"], slip))
         return joined(parts, self.outline.chunk_samples)
+
+    def streams(self, block: int, chunk: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return the fields of BridgeForce and StickSlip of all cells of a block in a chunk; checksums are checked.
+
+        Raises
+        ------
+        DamagedCell
+            Where a message is missing, or its checksum does not hold.
+        """
+        found = []
+        for topic, name in (("bridge_force", "BridgeForce"), ("stick_slip", "StickSlip")):
+            place = self._survey.places[topic].get((block, chunk))
+            if place is None:
+                raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
+            try:
+                found.append(self.outline.unseal(name, self._read(place)))
+            except (BagError, cdr.WireError, OSError) as error:
+                raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+        return found[0], found[1]
 
     def force(self, cell: int, chunk: int) -> np.ndarray | None:
         """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.
@@ -152,7 +172,7 @@ class BagCells:
             raise DamagedCell(f"cell {cell}: block {block}, chunk {chunk} of the bag is damaged: {error}") from None
         return np.array(values["data"][row * samples : (row + 1) * samples], np.float32)
 
-    def _read(self, place: Place) -> cdr.Buffer:
+    def _read(self, place: Place) -> bytes:
         """Return a whole message; the survey of the index knows its place only.
 
         Raises
@@ -160,19 +180,7 @@ class BagCells:
         BagError
             Where it is in a compressed chunk, or the file ends before it.
         """
-        if place.offset < 0:
-            raise BagError(f"{place.file.name} is compressed; bow writes bags that are not, and reads cells of those")
-        if place.file not in self._files:
-            self._files[place.file] = os.open(place.file, os.O_RDONLY | os.O_CLOEXEC)
-        descriptor = self._files[place.file]
-        head = os.pread(descriptor, MESSAGE_HEAD.size, place.offset - MESSAGE_HEAD.size)
-        if len(head) != MESSAGE_HEAD.size:
-            raise BagError(f"{place.file.name} ends before byte {place.offset}")
-        length = MESSAGE_HEAD.unpack(head)[1] - MESSAGE_FIXED
-        data = os.pread(descriptor, length, place.offset) if place.length <= length <= MOST_BYTES else b""
-        if len(data) != length:
-            raise BagError(f"{place.file.name} has no whole message at byte {place.offset}")
-        return complete(data, place.lacking)
+        return bytes(self._chunks.read(place))
 
     def basin(self) -> Basin:
         """Return all recorded verdicts."""

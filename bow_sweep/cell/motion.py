@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim.kernel.block import TRACES, Block
+from bow_sim.kernel.block import Block
 from bow_sim.physics.friction import sliding_coefficient, slipping_limit, sticking_limit
 from bow_sim.physics.gesture import force_and_speed
 from bow_sim.physics.parameters import Parameters
@@ -82,9 +82,9 @@ class CellMotion:
     same: bool
 
     def curve(self, bow_force: float | None = None) -> FrictionCurve | None:
-        """Return the friction curve at a bow force, or at the one at the end; None for a law without a known curve."""
+        """Return the friction curve at a bow force, or at the last one; None with another law, or elastic hair."""
         p = self.parameters
-        if p.friction != HYPERBOLA:
+        if p.friction != HYPERBOLA or p.hair_r:
             return None
         force = float(self.bow_force[-1]) if bow_force is None else bow_force
         slowest = min(float(self.v.min()), -0.5 * p.v_b)
@@ -113,7 +113,7 @@ def motion(record: CellRecord) -> CellMotion:
         block.advance()
         assert block.traces is not None
         parts.append(block.traces[:, :, 0].astype(np.float64))
-    traces = dict(zip(TRACES, np.concatenate(parts, axis=1), strict=True))
+    traces = dict(zip(block.trace_names, np.concatenate(parts, axis=1), strict=True))
     bow_force, bow_speed = force_and_speed(p, 0, p.samples)
     y = float(ends(p).y)
     force = traces["bridge_force"].astype(np.float32)
@@ -122,7 +122,7 @@ def motion(record: CellRecord) -> CellMotion:
         v=traces["v"],
         v_h=traces["v_h"],
         v_centre=traces["v_centre"],
-        friction_force=traces["friction_force"] / y,
+        friction_force=traces["friction_force"] / float(block.admittance[0]),
         bow_force=bow_force,
         bow_speed=bow_speed,
         slipping=traces["slipping"] != 0,

@@ -84,7 +84,7 @@ class Portrait:
 
     def _pitch(self) -> str:
         if self.period is None:
-            return "no period near the nominal one"
+            return "none: not periodic near the nominal period"
         cents = analysis.cents(self.period, self.record.period)
         return f"{self.record.sample_rate / self.period:.2f} Hz, {cents:+.1f} cents; period {self.period:.3f} samples"
 

@@ -174,7 +174,8 @@ class RunCells:
         Raises
         ------
         CellError
-            For a cell that the map does not have; with "bag", one that is not whole and undamaged in the bag.
+            For a cell that the map does not have; with "bag", one that is not whole and undamaged in the bag; with
+            "auto", one that the run has given up.
         """
         if source not in SOURCES:
             raise CellError(f"source {source!r}: should be one of {', '.join(SOURCES)}")
@@ -196,6 +197,9 @@ class RunCells:
             except CellError as error:
                 if source == "bag":
                     raise
+                if self.bag is not None and self.bag.given_up(cell):
+                    what = "its block was given up, because simulators died of it"
+                    raise CellError(f"cell {cell}: {what}; ask for it computed to try it here") from None
                 reason = f"{error}; computed again: "
         wave, checked, why = self._computed(cell)
         return self._complete(cell, wave, "computed", checked, reason + why)
@@ -219,7 +223,7 @@ class RunCells:
             return wave, None, f"there is no bag to hold it against; {kernel}"
         block = self.bag.block_of(cell)
         if block is None:
-            return wave, None, f"the run did not simulate this cell, it is predicted in the map; {kernel}"
+            return wave, None, f"it is predicted in the map; {kernel}"
         try:
             recorded = self.bag.waveform(cell)
         except CellError:
@@ -270,6 +274,12 @@ class RunCells:
 
     def _complete(self, cell: int, wave: Waveform, source: str, checked: bool | None, why: str) -> CellRecord:
         iy, ix = divmod(cell, self.map.shape[1])
+        tests, transient = self._tests(iy, ix), float(self.map.transient_periods[iy, ix])
+        if source == "computed" and (tests.regime == PENDING).all():
+            from bow_sweep.cell.computed import judged
+
+            tests, transient = judged(self.sweep, cell)
+            why += "; the run has no verdicts on it, those shown are made here"
         return CellRecord(
             bridge_force=wave.bridge_force,
             slipping_first=wave.slipping_first,
@@ -283,8 +293,8 @@ class RunCells:
             x=float(self.map.x[ix]),
             y=float(self.map.y[iy]),
             parameters=parameters_of(self.sweep, cell),
-            tests=self._tests(iy, ix),
-            transient_periods=float(self.map.transient_periods[iy, ix]),
+            tests=tests,
+            transient_periods=transient,
             source=source,
             checked=checked,
             why=why,

@@ -31,6 +31,9 @@ FADE_IN, FADE_OUT = 0.005, 0.030
 LOWEST = 20.0
 """Hz: what is slower is no sound. The mean of the bridge force is removed with it."""
 
+START_S = 0.01
+"""Seconds at the beginning of a waveform whose mean it is taken to come from."""
+
 MOST_SECONDS = 60.0
 
 _ZEROS, _BETA, _CUTOFF = 48, 10.0, 0.92
@@ -41,7 +44,8 @@ _DENOMINATOR = 4000
 """Rates are taken as a ratio of whole numbers up to this: pitch is right to a thousandth of a cent."""
 
 LOOP_PERIODS = 10
-"""Periods at the end of a waveform that are repeated where it cannot be simulated on."""
+"""At most so many periods at the end of a waveform are repeated where it cannot be simulated on: as many as come
+nearest to a whole number of samples, so that the pitch is kept."""
 
 
 class SoundError(ValueError):
@@ -166,9 +170,12 @@ def resampled(wave: NDArray[np.float64], sample_rate: float) -> NDArray[np.float
 
 
 def _without_drift(wave: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.signal import butter, sosfilt
+    """Take out what is slower than `LOWEST`; before its first sample the wave is taken to rest at its mean."""
+    from scipy.signal import butter, sosfilt, sosfilt_zi
 
-    return np.asarray(sosfilt(butter(2, LOWEST, "highpass", fs=RATE, output="sos"), wave))
+    sections = butter(2, LOWEST, "highpass", fs=RATE, output="sos")
+    before = float(np.mean(wave[: round(START_S * RATE)])) if len(wave) else 0.0
+    return np.asarray(sosfilt(sections, wave, zi=sosfilt_zi(sections) * before)[0])
 
 
 def _faded(wave: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -197,9 +204,10 @@ def looped(force: NDArray[np.floating], period: int, samples: int) -> NDArray[np
     """
     wave = np.asarray(force, float)
     true = analysis.period_of(wave, period) or float(period)
-    length = round(min(LOOP_PERIODS, max(1, len(wave) // period - 1)) * true)
+    counts = np.arange(1, min(LOOP_PERIODS, max(1, int(len(wave) / true) - 1)) + 1)
+    length = round(float(true * counts[np.argmin(np.abs(counts * true - np.round(counts * true)) / counts)]))
     fade = min(period, len(wave) - length)
-    if length < 1 or fade < 1:
+    if len(wave) < 2 * period or fade < 1:
         raise SoundError(f"a waveform of {len(wave)} samples: should have two periods at least, of {period} samples")
     rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(fade) + 0.5) / fade)
     parts, size = [wave[: len(wave) - fade]], len(wave) - fade
@@ -262,7 +270,7 @@ def sound_of(
         if np.array_equal(longer[: len(wave)], wave):
             wave, how = longer, "simulated on"
         else:
-            how = f"its last {LOOP_PERIODS} periods repeated: the kernel here makes another waveform"
+            how = "its last periods repeated: the kernel here makes another waveform"
     elif seconds is not None:
         how = "its beginning"
     if body:

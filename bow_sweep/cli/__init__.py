@@ -4,6 +4,7 @@ parser        the parser of all commands, and what runs one
 sweep         `bow sweep`
 sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
+inspect       `bow inspect`
 transient     `bow transient`
 verify        `bow verify`
 replay        `bow replay`
@@ -11,6 +12,7 @@ recover       `bow recover`
 figure        `bow figure`
 validate      `bow validate`
 compare       `bow compare`
+explore       `bow explore`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user

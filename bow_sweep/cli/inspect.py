@@ -178,8 +178,13 @@ def _recording(args: argparse.Namespace) -> Path:
 def _show(args: argparse.Namespace, records: Sequence[CellRecord], recording: Sequence[CellRecord] | None) -> int:
     """Print what is known of the cells, and write the files; return the exit status."""
     from bow_sweep.cell.portrait import Portrait
+    from bow_sweep.processes.progress import percentages
 
-    portraits = {record.cell: Portrait.of(record) for record in recording or records}
+    portraits, progress = {}, percentages("simulating and analysing the cells")
+    everything = recording or records
+    for number, record in enumerate(everything, 1):
+        portraits[record.cell] = Portrait.of(record)
+        progress(number, len(everything))
     status = DONE
     for record in records:
         print(record.title)
@@ -235,7 +240,7 @@ def _open(path: Path) -> None:
         warn(f"{NO_DISPLAY} (DISPLAY and WAYLAND_DISPLAY are empty); {by_hand}")
         return
     try:
-        viewer = Viewer(path)
+        viewer = Viewer(str(path))
     except OSError as error:
         warn(f"no viewer can be started: {error}; {by_hand}")
         return

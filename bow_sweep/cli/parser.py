@@ -7,7 +7,20 @@ import sys
 from collections.abc import Sequence
 
 from bow_sim.graph import environment
-from bow_sweep.cli import compare, figure, inspect, nodes, recover, replay, settings, sweep, transient, validate, verify
+from bow_sweep.cli import (
+    compare,
+    explore,
+    figure,
+    inspect,
+    nodes,
+    recover,
+    replay,
+    settings,
+    sweep,
+    transient,
+    validate,
+    verify,
+)
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import FAILED, INTERRUPTED
 from bow_sweep.processes.roles import MODULES
@@ -22,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (sweep, inspect, transient, verify, replay, recover, figure, validate, compare, settings):
+    for module in (sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

@@ -7,6 +7,7 @@ import textwrap
 from typing import Any
 
 from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
@@ -26,6 +27,14 @@ def _settings(_: argparse.Namespace) -> int:
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
             print(textwrap.indent(_describe(field), "    "))
+    for name, quantity in SI.items():
+        needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
+        unit = f" [{quantity.unit}]" if quantity.unit else ""
+        print(f"{name}\n    {quantity.doc}{unit}; sets {quantity.same}{needs}")
+    for name, presets in PRESETS.items():
+        print(f"{name}")
+        for preset, values in presets.items():
+            print(f"    {preset}: {', '.join(f'{key} {value:g}' for key, value in values.items())}")
     for axis, defaults in (("x", X_AXIS), ("y", Y_AXIS)):
         for name, value in vars(defaults).items():
             print(f"{axis}.{name} = {value}")

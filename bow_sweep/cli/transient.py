@@ -27,7 +27,8 @@ def add_command(commands: Any) -> None:
         description="Simulate one bowed string; write its waveforms as arrays, a picture or sound.",
         epilog="example: bow transient --model delta_cremer --v-mid 0.7 --f-asym 5.5 --f-init-ratio 1 --plot t.png\n\n"
         "--npz holds float64 arrays over samples: bridge_force, v, v_h, v_centre, friction_force, and bool slipping\n"
-        "(state after the step).",
+        "(state after the step); with modes of a body bridge_velocity and bridge_force_real (over Z_0), with thermal\n"
+        "friction temperature (K).",
     )
     for name in _SHORT:
         parser.add_argument(f"--{name.replace('_', '-')}", metavar=name.upper(), dest=name, help=_field_help(name))

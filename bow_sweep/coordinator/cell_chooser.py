@@ -5,6 +5,7 @@ What is chosen, and its waveform, is in :mod:`bow_sweep.coordinator.choice`.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -54,6 +55,9 @@ class CellChooser:
         self._inspect = node.create_publisher(InspectedCell, "inspect", INSPECT)
         self._points = node.create_publisher(PointCloud2, "basin_map/points", LATCHED)
         self._map: Mapping[str, Any] | None = None  # not yet published as points
+        self._of_run = ""
+        self._chosen: list[int] = []  # cells of that run
+        self._dashboards: set[str] = set()  # that have been sent them
         self._inspector = Inspector(node.incarnation, self._inspect.publish, node.get_logger().warning)
         node.create_service(InspectCell, "inspect_cell", self._on_request)
         for topic in CLICKS:
@@ -93,9 +97,32 @@ class CellChooser:
         except ChoiceError as error:
             self.problem = str(error)
             raise
+        self._begin(run)
+        if cell not in self._chosen:
+            self._chosen.append(cell)
         self.problem, self.latest = "", in_words(run.sweep, cell)
         self._node.get_logger().info(f"inspects {self.latest}")
         return run, cell
+
+    def _begin(self, run: Run) -> None:
+        """Forget the cells of an earlier run."""
+        if run.run_id != self._of_run:
+            self._of_run = run.run_id
+            self._chosen.clear()
+            self._dashboards.clear()
+
+    def show_again(self, dashboard: str, run_id: str) -> None:
+        """Publish the chosen cells once more for a dashboard that has taken up the run later; by its incarnation."""
+        run = self._run_in_progress()
+        if run is None or run.run_id != run_id:
+            return
+        self._begin(run)
+        if dashboard in self._dashboards:
+            return
+        self._dashboards.add(dashboard)
+        with contextlib.suppress(ChoiceError):  # too many wait: it gets the first ones
+            for cell in self._chosen:
+                self._inspector.inspect(run, cell)
 
     def take_map(self, values: Mapping[str, Any]) -> None:
         """Take the fields of a BasinMap, to be published as points."""

@@ -162,6 +162,8 @@ class CoordinatorNode(BowNode):
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Pass a heartbeat to the session."""
+        if message.role == "dashboard" and message.state == Health.BUSY:
+            self._chooser.show_again(message.incarnation, message.run_id)
         self._handle(HealthReceived(message, neighbour))
 
     def _on_receipt(self, data: bytes) -> None:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bow_sim.physics.instruments import SI, Quantity
 from bow_sim.physics.parameters import FIELDS
 
 TITLES = {
@@ -130,7 +131,7 @@ class PlotAxis:
             "name=value" of the sweep: the unit of bow force depends on bow speed and admittance.
         """
         known = FIELDS.get(self.name)
-        words = TITLES.get(self.name) or (known.metadata["doc"].partition(";")[0] if known else self.name)
+        words = TITLES.get(self.name) or (known.metadata["doc"] if known else _si(self.name).doc).partition(";")[0]
         if mathematics:
             symbol = SYMBOLS.get(self.name, self.name.replace("_", " ") if known is None else self.name)
         else:
@@ -148,7 +149,12 @@ class PlotAxis:
             names = (r"$v_b = ", r"$Y_T = ", "$") if mathematics else ("v_b = ", "Y_T = ", "")
             return f"units: {names[0]}{speed}{names[2]}, {names[1]}{admittance}{names[2]}"
         known = FIELDS.get(self.name)
-        return str(known.metadata["unit"]) if known else ""
+        return str(known.metadata["unit"]) if known else _si(self.name).unit
+
+
+def _si(name: str) -> Quantity:
+    """Return what a setting in SI units is; of an unknown one only the name."""
+    return SI.get(name) or Quantity(name, "", name, (), lambda x, _: x)
 
 
 def _tidy(number: str) -> str:

@@ -11,6 +11,7 @@ from bow_classifier.block_classifier import BlockClassifier, Geometry, Verdicts
 from bow_classifier.features.slips import Intervals
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.block import Block, ChunkResult
+from bow_sim.physics.cells import paper_lanes
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.sweep import Sweep
@@ -44,8 +45,9 @@ def verdicts(
     """
     block = Block(parameters, lanes)
     cells = len(np.asarray(next(iter(lanes.values()))))
-    speed = lanes.get("v_b", parameters.v_b)
-    position = lanes.get("bow_bridge", parameters.bow_bridge)
+    in_paper_units = paper_lanes(parameters, lanes)
+    speed = in_paper_units.get("v_b", parameters.v_b)
+    position = in_paper_units.get("bow_bridge", parameters.bow_bridge)
     classifier = BlockClassifier(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
     for _ in range(parameters.chunks):
         chunk = block.advance()

@@ -93,8 +93,8 @@ class MapFile(Plane):
 
         bridge = np.full(self.shape, self._number("bow_bridge"))
         for name, along in ((self.x_name, self.x[None, :]), (self.y_name, self.y[:, None])):
-            if name == "bow_bridge":
-                bridge[:] = along
+            if name in ("bow_bridge", "beta"):
+                bridge[:] = along if name == "bow_bridge" else along * self._number("period")
         nominal = self._number("period")
         return count(self.regime, self.period[-1], self.slips[-1], self.corners[-1], nominal, bridge / nominal)
 

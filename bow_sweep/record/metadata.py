@@ -239,6 +239,8 @@ def _meaning(info: Mapping[str, Any]) -> dict[str, Any]:
     version = info["version"]
     if type(version) is not int or version < 1:
         raise ValueError(f"version {version!r}")
+    if version >= HASHED:  # these always have both entries, empty or not
+        info["compression_format"], info["compression_mode"]
     out: dict[str, Any] = {
         "storage_identifier": info["storage_identifier"],
         "message_count": info["message_count"],

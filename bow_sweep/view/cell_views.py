@@ -38,9 +38,6 @@ MOST = 12
 
 SOUND_SECONDS = 2.0
 
-HAS_STATES, HAS_AUDIO = hasattr(rr, "StateChange"), hasattr(rr, "AssetAudio")
-"""Whether this rerun has lanes for states, and sound: 0.39, the last one for Python 3.10, may have neither."""
-
 Colour = tuple[int, int, int]
 
 FORCE, VELOCITY, BOW, SLIP, CURVE, FAINT = (
@@ -76,12 +73,15 @@ def cells_in(path: Path, run_id: str) -> list[int]:
             warnings.simplefilter("ignore")  # a file without its footer
             reader = RrdReader(path)
             identities = {entry.recording_id for entry in reader.recordings()}
-            found = [re.search(r"cell_(\d+)/order$", str(chunk.entity_path)) for chunk in reader.stream()]
+            found = {}
+            for chunk in reader.stream():
+                if match := re.search(r"cell_(\d+)/order$", str(chunk.entity_path)):
+                    found[int(match[1])] = chunk.to_record_batch().column("number").to_pylist()[0]
     except Exception as error:  # rerun raises any type on a damaged file
         raise ValueError(f"{path}: cannot be read as a recording ({error}); move it away, or give --save") from None
     if identities != {_identity(run_id)}:
         raise ValueError(f"{path}: is not a recording of cells of run {run_id}; move it away, or give --save")
-    return list(dict.fromkeys(int(match[1]) for match in found if match))
+    return sorted(found, key=found.__getitem__)
 
 
 def _identity(run_id: str) -> str:
@@ -160,8 +160,6 @@ class _CellLog:
         low, high = float(record.bridge_force.min()), float(record.bridge_force.max())
         level = low - 0.08 * ((high - low) or 1.0)
         self._series("slip_bars", "slip", SLIP, np.where(record.slipping, level, np.nan), 5.0)
-        if not HAS_STATES:
-            return
         change = np.flatnonzero(np.diff(record.slipping.astype(np.int8))) + 1
         at = np.concatenate([[0], change])
         names = ["slip" if slips else "stick" for slips in record.slipping[at]]
@@ -195,7 +193,7 @@ class _CellLog:
                 *rr.SeriesPoints.columns(colors=own, marker_sizes=np.full(len(own), 4.0)),
             ]
             self._record.send_columns(place, indexes=self._times(at[known]), columns=columns)
-        if HAS_STATES and tests.runs():
+        if tests.runs():
             stretches = tests.runs()
             begin = np.array([start * record.period for start, _, _ in stretches])
             labels = [regime_label(name) for _, _, name in stretches]
@@ -274,8 +272,6 @@ class _CellLog:
 
     def _sound(self) -> None:
         """Log the sound at the beginning of the time, and an end mark, so that the time lasts as long as the sound."""
-        if not HAS_AUDIO:
-            return
         record = self._portrait.record
         made: Sound = sound_of(record.bridge_force, record.parameters, SOUND_SECONDS)
         self._record.reset_time()
@@ -315,6 +311,7 @@ def _tab(portrait: Portrait) -> rrb.Horizontal:
     ending = f"last {SHOWN_PERIODS} periods"
     rows: list[tuple[float, rrb.View | rrb.Container]] = [
         (3, _over_time(force, "Bridge force (bow speed = 1); red: slips", whole)),
+        (2, rrb.StateTimelineView(origin=f"{root}/states", name="Stick and slip, regime", time_view=whole)),
         (3, _over_time(speed, "Surface velocity v (bow speed = 1); grey: bow", whole)),
         (
             2,
@@ -330,16 +327,12 @@ def _tab(portrait: Portrait) -> rrb.Horizontal:
             ),
         ),
     ]
-    if HAS_STATES:
-        lanes = rrb.StateTimelineView(origin=f"{root}/states", name="Stick and slip, regime", time_view=whole)
-        rows.insert(1, (2, lanes))
     side: list[tuple[float, rrb.View]] = [
-        (7, rrb.TextDocumentView(origin=f"{root}/facts", name="Cell")),
-        (5, _diagram(f"{root}/friction", "Friction plane: the last periods (blue) on the friction curve (yellow)")),
-        (5, _diagram(f"{root}/spectrum", "Spectrum of the last periods, harmonics")),
+        (6, rrb.TextDocumentView(origin=f"{root}/facts", name="Cell")),
+        (6, _diagram(f"{root}/friction", "Friction plane: the last periods (blue) on the friction curve (yellow)")),
+        (6, _diagram(f"{root}/spectrum", "Spectrum of the last periods, harmonics")),
+        (2, rrb.AudioView(origin=f"{root}/sound", name="Sound: press play below")),
     ]
-    if HAS_AUDIO:
-        side.append((2, rrb.AudioView(origin=f"{root}/sound", name="Sound: press play below")))
     name = f"{record.x_name} {record.x:.3g}, {record.y_name} {record.y:.3g} (cell {record.cell})"
     return rrb.Horizontal(
         rrb.Vertical(*(view for _, view in rows), row_shares=[share for share, _ in rows]),

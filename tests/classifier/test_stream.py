@@ -108,6 +108,19 @@ def feed(classifier, *messages):
     return [out for name, data in messages for out in classifier.take(name, data)]
 
 
+def test_verdicts_have_the_stamp_of_the_chunk_that_they_judge():
+    stamps = {chunk: 10**18 + chunk for chunk in range(2)}
+    classifier, out = ready(), []
+    for chunk, at in stamps.items():
+        stamped = {"stamp": at, "header.stamp": at}
+        out += feed(classifier, *((name, message(name, chunk, **stamped)) for name in (FORCE, SLIP)))
+    found = [cdr.unseal("Verdicts", data) for data in out]
+    assert {values["chunk"]: values["header.stamp"] for values in found} == stamps
+    assert {values["header.frame_id"] for values in found} == {"bow"}
+    plain = feed(ready(), *((name, message(name, 0)) for name in (FORCE, SLIP)))
+    assert cdr.unseal("Verdicts", plain[0])["checksum"] == found[0]["checksum"]  # which does not cover it
+
+
 def both(chunk, **changes):
     return [(name, message(name, chunk, **changes)) for name in (FORCE, SLIP)]
 

@@ -121,7 +121,6 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
 
     recorder = here.start("recorder")
     here.start("classifier")
-    dashboard = here.start("dashboard")
     here.until(lambda: {m.role for m in here.health.values()} >= {"recorder", "classifier"}, "both are heard")
     handle = here.send()
     here.until(lambda: any(m.role == "coordinator" and m.run_id for m in here.health.values()), "the run opens")
@@ -129,7 +128,6 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
     shown.until("/bow/coordinator: sweep", DiagnosticStatus.OK, "0 of 128 cells done")
     shown.until("/bow/coordinator: health", DiagnosticStatus.WARN, "no simulator is heard")
 
-    here.until(lambda: state_of(here, dashboard.pid) == Health.BUSY, "the dashboard shows the run")
     seen = Seen(here)
     clouds: list[PointCloud2] = []
     here.node.create_subscription(PointCloud2, "basin_map/points", clouds.append, LATCHED)
@@ -141,6 +139,8 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
     assert by_values.run_id == next(m.run_id for m in here.health.values() if m.role == "coordinator")
     seen.until_whole(by_values.cell, sweep)
 
+    dashboard = here.start("dashboard")  # later than the first choice
+    here.until(lambda: state_of(here, dashboard.pid) == Health.BUSY, "the dashboard shows the run")
     clicks = here.node.create_publisher(PointStamped, "/clicked_point", 10)
     here.until(lambda: clicks.get_subscription_count() > 0, "the coordinator takes clicks")
     clicks.publish(point(5.5, 2.5, "basin_map"))

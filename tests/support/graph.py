@@ -159,9 +159,12 @@ def sweeping(directory: Path, *arguments: str, module: str = "bow_sweep", outer:
         sweep.stop()
 
 
-def assert_gone_on_with(run: Path, undisturbed: Path) -> None:
-    """Resume a run that was cut off: it ends well, holds, and has the map of an undisturbed run."""
-    with sweeping(run, "--resume", str(run)) as sweep:
+def assert_gone_on_with(run: Path, undisturbed: Path, *, shown: bool = False) -> None:
+    """Resume a run that was cut off: it ends well, holds, and has the map of an undisturbed run.
+
+    Without the dashboard, unless `shown`: it takes as long as all the rest.
+    """
+    with sweeping(run, "--resume", str(run), *([] if shown else ["--no-dashboard"])) as sweep:
         assert sweep.wait() == 0, sweep.text
     verified(run)
     assert_same_map(undisturbed, run)

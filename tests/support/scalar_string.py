@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bow_sim.physics.body import resonators
 from bow_sim.physics.parameters import Parameters
-from bow_sim.physics.reflection import Ends, Reflection, ends
+from bow_sim.physics.reflection import Body, Ends, Reflection, ends
 
 
 @dataclass
@@ -32,9 +33,87 @@ class Side:
         for k in reversed(range(len(r.taps))):
             total += r.taps[k] * self.past(t - r.first - k)
         if r.tail:
-            self.tail = r.pole * self.tail + r.tail * self.past(t - r.tail_first)
+            x = 0.0
+            for j in reversed(range(len(r.tail_taps))):
+                x += r.tail_taps[j] * self.past(t - r.tail_first - j)
+            self.tail = r.pole * self.tail + r.tail * x
             total += self.tail
         return total
+
+
+@dataclass
+class BodySide(Side):
+    """A bridge with modes of a body behind it (PHYSICS.md section 11)."""
+
+    body: Body | None = None
+    z1: list[float] = field(default_factory=list)
+    z2: list[float] = field(default_factory=list)
+    cremer: float = 0.0
+    force: float = 0.0
+    velocity: float = 0.0
+
+    def arriving(self, t: int) -> float:
+        x = super().arriving(t)
+        if self.body is None:
+            return x
+        rho, gain, pole = self.body.rho, self.body.gain, self.body.pole
+        filters = [tuple(map(float, f)) for f in zip(*resonators(self.body.modes, self.body.sample_rate), strict=True)]
+        self.z1, self.z2 = self.z1 or [0.0] * len(filters), self.z2 or [0.0] * len(filters)
+        total = math.fsum(b0 for b0, _, _ in filters)
+        z = 0.0
+        for value in self.z1:
+            z += value
+        force = ((rho + 1) * (x - z * 0.5) + gain * self.cremer) * (1 / (1 + (1 + rho) * total / 2))
+        v_m = total * force + z
+        left = x - v_m * 0.5
+        back = v_m * 0.5 - rho * left - gain * self.cremer
+        self.cremer = pole * self.cremer + left
+        for k, (b0, a1, a2) in enumerate(filters):
+            y = b0 * force + self.z1[k]
+            self.z1[k], self.z2[k] = self.z2[k] - a1 * y, -(b0 * force) - a2 * y
+        self.force, self.velocity = force, x + back
+        return back
+
+
+@dataclass
+class Contact:
+    """Bow and string at the contact: friction, with its memory, and the hair."""
+
+    p: Parameters
+    y: float
+    slipping: bool = False
+    temperature: float = 0.0
+    hair: float = 0.0
+
+    def solve(self, d: float, f_b: float) -> float:
+        p = self.p
+        if p.friction == "coulomb":
+            s = abs(d) - f_b * (self.y * p.mu_d)
+            self.slipping = abs(d) > f_b * (self.y * p.mu_s)
+            return math.copysign(s, d) if self.slipping else 0.0
+        if p.friction == "thermal":
+            return self.warm(d, f_b)
+        s, self.slipping = friction(d, f_b, self.y, p, self.slipping)
+        return s
+
+    def warm(self, d: float, f_b: float) -> float:
+        """PHYSICS.md section 13, in the order of its lines."""
+        p = self.p
+        f_w = 2 * p.z_0 * p.v_unit / p.ribbon_width * f_b
+        s, after = 0.0, self.temperature
+        for _ in range(2):
+            q = (self.temperature + after) * 0.5 / p.rosin_t_g
+            q = q * q  # a power of 2 may be rounded otherwise
+            mu = p.mu_s * (1 + p.rosin_hot * q) / (1 + q)
+            s = max(abs(d) - self.y * f_b * mu, 0.0)
+            u = s * p.v_unit
+            c = (p.rosin_flow * math.sqrt(u / f_w) if f_b > 0 else 0.0) + p.rosin_rest
+            r = c * (1 / (p.sample_rate * p.rosin_heat))
+            e = 1 / (1 + r * (1 + r * (0.5 + r * (1 / 6))))
+            heated = mu * u / c if f_b > 0 else 0.0
+            after = heated + (self.temperature - heated) * e
+        self.temperature, self.slipping = after, s > 0
+        return math.copysign(s, d)
 
 
 def friction(d: float, f_b: float, y: float, p: Parameters, slipping: bool) -> tuple[float, bool]:
@@ -56,7 +135,9 @@ def gesture(p: Parameters, t: int) -> tuple[float, float]:
     v_b = p.v_b
     if p.gesture == "martele":
         v_b = p.v_b + -p.v_b * math.exp(-t / p.tau_v)
-    if p.gesture == "constant_acceleration":
+    if p.gesture == "guettler":
+        v_b = p.v_b * (p.acceleration / p.period * t)
+    if p.gesture == "accelerate_to":
         v_b = p.v_b * min(1.0, p.acceleration / p.period * t)
     return f_b, v_b
 
@@ -64,23 +145,32 @@ def gesture(p: Parameters, t: int) -> tuple[float, float]:
 def simulate(p: Parameters, samples: int, e: Ends | None = None) -> dict[str, np.ndarray]:
     """Waveforms of one cell, arrays of shape (samples,): as ``kernel.transient``, and slip speed s."""
     e = e or ends(p)
-    b, n, rb, rn = Side(e.bridge), Side(e.nut), Side(e.torsion_bridge), Side(e.torsion_nut)
-    c_t, c_r = e.y_t / 2 / e.y, e.y_r / 2 / e.y
-    slipping = False
+    b, n, rb, rn = BodySide(e.bridge, body=e.body), Side(e.nut), Side(e.torsion_bridge), Side(e.torsion_nut)
+    elastic = e.y_t * p.z_0 / p.hair_r if p.hair_r else 0.0
+    decay = math.exp(-p.hair_k / (p.hair_r * p.sample_rate)) if p.hair_r else 0.0
+    y = e.y + elastic
+    c_t, c_r = e.y_t / 2 / y, e.y_r / 2 / y
+    contact = Contact(p, y)
     rows = []
     for t in range(samples):
         in_b, in_n, in_rb, in_rn = b.arriving(t), n.arriving(t), rb.arriving(t), rn.arriving(t)
         v_h = in_b + in_n + in_rn + in_rb
         f_b, v_b = gesture(p, t)
+        v_b += contact.hair
         d = v_b - v_h
-        s, slipping = friction(d, f_b, e.y, p, slipping)
+        s = contact.solve(d, f_b)
         push = d - s
+        v = v_h + e.y / y * push if p.hair_r else v_b - s
+        end = elastic / y * push
+        contact.hair = end + (contact.hair - end) * decay
         b.out.append(in_n + c_t * push)
         n.out.append(in_b + c_t * push)
         rb.out.append(in_rn + c_r * push)
         rn.out.append(in_rb + c_r * push)
-        rows.append((b.out[-1], v_b - s, v_h, in_b + in_n + c_t * push, push / e.y, slipping, s))
+        row = (b.out[-1], v, v_h, in_b + in_n + c_t * push, push / y, contact.slipping, s)
+        rows.append((*row, b.velocity, b.force, contact.temperature))
     names = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping", "s")
+    names += ("bridge_velocity", "bridge_force_real", "temperature")
     return {name: np.array(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
 

@@ -17,7 +17,10 @@ NO_SOURCES = {
     "bow_sim.simd.code_cache",  # stores the code
     "bow_sim.physics.errors",
     "bow_sim.physics.parameters",  # the length of a chunk, which the messages show, and checks of thresholds
-    "bow_sim.physics.reflection_text",  # of parameters
+    "bow_sim.physics.body",  # these five are of parameters
+    "bow_sim.physics.fields",
+    "bow_sim.physics.instruments",
+    "bow_sim.physics.reflection_text",
     "bow_sim.physics.number_files",
 }
 """Modules that the classifier imports and that decide no verdict."""

@@ -142,7 +142,7 @@ def test_any_number_may_differ_between_the_cells_of_a_block(what):
 
 
 @pytest.mark.parametrize(
-    ("gesture", "name"), [("martele", "tau_v"), ("constant_acceleration", "acceleration"), ("string_crossing", "tau_f")]
+    ("gesture", "name"), [("martele", "tau_v"), ("accelerate_to", "acceleration"), ("string_crossing", "tau_f")]
 )
 def test_the_start_of_a_gesture_may_differ_between_the_cells_of_a_block(gesture, name):
     p = Parameters(gesture=gesture, f_asym=2.5, periods=10)

@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 
 from bow_sim.physics.friction import (
     LAWS,
+    Thermal,
     ambiguous_force,
+    coulomb,
     hyperbola,
     sliding_coefficient,
     slipping_limit,
     sticking_limit,
+    thermal,
 )
 from bow_sim.physics.parameters import FRICTIONS
 
@@ -135,3 +138,60 @@ def test_one_formula_serves_numbers_and_arrays():
     one = [hyperbola(0.8, Y * MU_S, Y * MU_D, float(x), 1.5, slipping=False) for x in d]
     assert s.tolist() == [float(x) for x, _ in one]
     assert slips.tolist() == [bool(x) for _, x in one]
+
+
+@given(FORCE, INCIDENT)
+def test_coulomb_sticks_whenever_it_can(f_b, v_h):
+    d = 1.0 - v_h
+    s, slips = coulomb(Y * MU_S, Y * MU_D, d, f_b)
+    assert slips == (abs(d) > f_b * (Y * MU_S))
+    assert s == (0.0 if not slips else pytest.approx(math.copysign(abs(d) - f_b * Y * MU_D, d)))
+
+
+def rosin(**changes):
+    """The thermal law in numbers: a string of 0.2 kg/s at 61160 Hz, speeds in m/s."""
+    values = {"y": Y, "mu_s": 1.05, "share": 0.4, "t_g": 25.0, "speed": 1.0, "load": 2 * 0.2 / 0.01}
+    values |= {"step": 1 / (61160 * 1e-6), "flow": 0.22, "rest": 1e-4, "temperature": 0.0}
+    return Thermal(**(values | changes))
+
+
+@pytest.mark.parametrize(
+    ("speed", "mu", "temperature"), [(0.01, 1.030, 4.5), (0.1, 0.916, 13.0), (0.5, 0.749, 23.9), (1.0, 0.673, 30.5)]
+)
+def test_steady_sliding_under_one_newton_has_the_published_temperature(speed, mu, temperature):
+    f_b = 1 / (2 * 0.2)  # 1 N
+    law, now = rosin(), 0.0
+    for _ in range(20_000):
+        q = (now / 25.0) ** 2
+        now_mu = 1.05 * (1 + 0.4 * q) / (1 + q)
+        s, slips, now = thermal(law._replace(temperature=now), speed + Y * f_b * now_mu, f_b)
+    assert slips
+    assert s == pytest.approx(speed, rel=1e-3)
+    assert now_mu == pytest.approx(mu, abs=1e-3)
+    assert now == pytest.approx(temperature, abs=0.1)
+
+
+@given(FORCE, INCIDENT, st.floats(0, 100))
+def test_thermal_friction_has_one_solution_that_is_on_the_strings_line(f_b, v_h, temperature):
+    assume(f_b == 0 or f_b > 1e-9)  # smaller ones overflow on the way, and warn
+    d = 1.0 - v_h
+    s, slips, after = thermal(rosin(temperature=temperature), d, f_b)
+    assert math.isfinite(after) and after >= 0
+    assert slips == (s != 0)
+    assert s * d >= 0
+    assert abs((d - s) / Y) <= 1.05 * f_b * (1 + 1e-9) + 1e-12
+    assert abs(s) <= abs(d)
+
+
+def test_without_a_bow_the_contact_cools():
+    s, slips, after = thermal(rosin(temperature=20.0), 0.7, 0.0)
+    assert (s, bool(slips)) == (0.7, True)
+    assert 19.9 < after < 20.0
+
+
+def test_laws_are_the_same_for_numbers_and_arrays():
+    d, f_b = np.linspace(-3, 3, 41), np.linspace(0, 5, 41)
+    together = thermal(rosin(), d, f_b)
+    alone = [thermal(rosin(), x, y) for x, y in zip(d.tolist(), f_b.tolist(), strict=True)]
+    for k in range(3):
+        assert np.array_equal(together[k], [one[k] for one in alone])

@@ -16,10 +16,19 @@ from bow_sim.physics.parameters import GESTURES, Parameters
 P = Parameters(f_asym=4.0, f_init_ratio=1.5, tau_f=400.0, tau_v=300.0, acceleration=0.25)
 
 
-@pytest.mark.parametrize("gesture", GESTURES)
+@pytest.mark.parametrize("gesture", [gesture for gesture in GESTURES if gesture != "guettler"])
 def test_every_gesture_ends_at_the_asymptotic_force_and_the_final_speed(gesture):
     f, v = force_and_speed(P.replace(gesture=gesture), 40_000, 1)
     assert (f[0], v[0]) == pytest.approx((4.0, 1.0))
+
+
+def test_guettlers_bow_is_accelerated_without_end():
+    f, v = force_and_speed(P.replace(gesture="guettler"), 0, 40_000)
+    assert v == pytest.approx(0.25 / 139 * np.arange(40_000))
+    to_a_speed = force_and_speed(P.replace(gesture="accelerate_to"), 0, 40_000)
+    assert np.array_equal(to_a_speed[0], f)
+    assert np.array_equal(to_a_speed[1], np.minimum(v, 1.0))
+    assert Parameters.from_mapping({"gesture": "constant_acceleration"}).gesture == "accelerate_to"  # its old name
 
 
 def test_an_exponential_transient_falls_from_f_init_while_the_bow_moves_steadily():
@@ -41,8 +50,8 @@ def test_a_string_crossing_starts_with_a_moving_bow_without_force():
     assert np.all(v == 1.0)
 
 
-def test_constant_acceleration_reaches_the_final_speed_after_its_periods_and_stays():
-    _, v = force_and_speed(P.replace(gesture="constant_acceleration"), 0, 2000)
+def test_accelerate_to_reaches_the_final_speed_after_its_periods_and_stays():
+    _, v = force_and_speed(P.replace(gesture="accelerate_to"), 0, 2000)
     assert v[:4] == pytest.approx(0.25 * np.arange(4) / 139)
     assert v[4 * 139 - 1] < 1.0 and np.all(v[4 * 139 :] == 1.0)
 

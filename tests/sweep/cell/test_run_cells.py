@@ -192,6 +192,18 @@ def test_a_bag_that_was_not_closed_is_read_too(whole: Path, complete: Path) -> N
         assert all(cells.record(cell).differs_from(there.record(cell)) is None for cell in (0, 11))
 
 
+def test_a_cell_that_simulators_died_of_is_computed_only_when_that_is_asked_for(tmp_path: Path) -> None:
+    recording.quarantined_run(tmp_path / "run")
+    recording.leave_all(tmp_path / "run", recording.small_sweep(), quarantined=[1])
+    with RunCells(tmp_path / "run") as cells:
+        assert cells.record(0).checked
+        with pytest.raises(CellError, match="cell 6: its block was given up"):
+            cells.record(6)
+        record = cells.record(6, "computed")
+    assert record.checked is None
+    assert "the checksums of 1 of 4 chunks hold" in record.why
+
+
 def test_a_second_look_is_the_same_record(complete: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_cells, "KEPT", 2)
     with RunCells(complete) as cells:
@@ -254,3 +266,47 @@ def test_a_map_beside_the_bag_of_another_run_is_refused(whole: Path, complete: P
     np.savez(whole / MAP, **arrays)
     with pytest.raises(CellError, match=r"map.npz is of run f+, bag/ of run 0123"):
         RunCells(whole)
+
+
+def test_a_cell_that_was_not_simulated_is_computed_and_judged_as_the_run_would_have(
+    complete: Path, tmp_path: Path
+) -> None:
+    run = Path(shutil.copytree(complete, tmp_path / "run"))
+    shutil.rmtree(run / "bag")
+    found = read_map(run)
+    arrays = dict(np.load(run / MAP))
+    for name in ("regimes", "confidence", "correlation", "period", "slips", "corners", "helmholtz"):
+        arrays[name][:, 1, 2] = {"regimes": 255}.get(name, 0)
+    arrays["regime"][1, 2] = 255
+    arrays["transient_periods"][1, 2] = 15  # as predicted
+    np.savez(run / MAP, **arrays)
+    with RunCells(run) as cells:
+        record = cells.record(6)
+        other = cells.record(5)
+    assert "those shown are made here" in record.why
+    assert "made here" not in other.why
+    assert found.regimes is not None and found.confidence is not None
+    for mine, right in (
+        (record.tests.regime, found.regimes),
+        (record.tests.confidence, found.confidence),
+        (record.tests.period, found.period),
+        (record.tests.helmholtz, found.helmholtz),
+    ):
+        assert mine.tobytes() == right[:, 1, 2].tobytes()
+    assert record.transient_periods == found.transient_periods[1, 2]
+
+
+def test_a_run_of_an_older_version_is_read(root: Path) -> None:
+    with RunCells(root / "tests" / "data" / "run_version_2") as cells:
+        record = cells.record(1)
+        assert (record.source, record.checked) == ("bag", True)
+        again = cells.record(1, "computed")
+        assert (again.source, again.differs_from(record)) == ("computed", None)
+
+
+def test_a_bag_of_a_later_version_is_refused_by_name(complete: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bow_sweep.record import notes
+
+    monkeypatch.setattr(notes, "FORMAT", notes.FORMAT - 1)
+    with pytest.raises(CellError, match="written by a later bow"):
+        RunCells(complete)

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import recording
 from bow_msgs.msg import Health
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import deserialize_message
 
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState, PlanState
@@ -45,8 +47,12 @@ def answered(graph, attempt):
 
 
 def test_a_run_is_recorded_answered_and_closed(graph):
+    diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
     graph.start_recorder()
+    graph.until(lambda: diagnostics.get_subscription_count() > 0, "diagnostics are matched")
     open_run(graph)
+    for namespace in ("/another/graph", recording.NAMESPACE, recording.NAMESPACE + "/below"):
+        diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name=f"{namespace}/coordinator: sweep")]))
     send(graph)
     graph.until(lambda: answered(graph, 1) == KEYS, "everything is receipted")
     send(graph, attempt=2)
@@ -59,6 +65,13 @@ def test_a_run_is_recorded_answered_and_closed(graph):
     assert topics[0] == "plan"
     assert topics[-1] == "plan"
     assert "health" in topics
+    kept = [
+        deserialize_message(bytes(m.data), DiagnosticArray)
+        for m in messages(graph.directory / "bag")
+        if "diag" in m.topic
+    ]
+    named = [array.status[0].name for array in kept]
+    assert named == [f"{recording.NAMESPACE}/coordinator: sweep"], "those of this graph alone"
     assert graph.health[-1].duplicates == 36
     assert graph.stop() == 0
 

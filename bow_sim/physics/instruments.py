@@ -1,0 +1,238 @@
+"""Real strings, bows and rosins by name, and values in SI units (PHYSICS.md sections 10, 12 and 13).
+
+A string has a characteristic impedance ``z_0`` (Z_0, kg/s); a speed of 1 is ``v_unit`` (V, m/s). With these::
+
+    f_asym = force/(2 Z_0 V)      v_b = speed/V      acceleration = bow_acceleration/(f_0 V)      v_mid = v_b - v_0/V
+
+where f_0 is ``sample_rate/period``, and the 2 is y_t. ``beta period`` is ``bow_bridge``, and what is left of it is
+``bow_offset``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.fields import as_number
+
+VIOLIN_TORSION = {"torsion_speed": 2.4, "torsion_admittance": 0.617, "torsion_gain": 0.95}
+CELLO_TORSION = {"torsion_speed": 5.5, "torsion_admittance": 0.30, "torsion_gain": 0.94}
+
+STRINGS: dict[str, dict[str, float]] = {
+    "violin_g": {"f_0": 196.0, "z_0": 0.350, "stiffness_b": 1.6e-5, **VIOLIN_TORSION},
+    "violin_d": {"f_0": 293.66, "z_0": 0.303, "stiffness_b": 1.4e-5, **VIOLIN_TORSION},
+    "violin_a": {"f_0": 440.0, "z_0": 0.203, "stiffness_b": 1.3e-5, **VIOLIN_TORSION},
+    "violin_e": {"f_0": 659.26, "z_0": 0.173, "stiffness_b": 4.7e-5, **VIOLIN_TORSION},
+    "violin_d_steel": {"f_0": 293.66, "z_0": 0.25, "stiffness_b": 1.4e-5, **VIOLIN_TORSION},
+    "cello_g_at1": {"f_0": 98.0, "z_0": 1.059, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_a": {"f_0": 98.0, "z_0": 1.090, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_b": {"f_0": 98.0, "z_0": 1.117, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_c": {"f_0": 98.0, "z_0": 0.848, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_d": {"f_0": 98.0, "z_0": 1.119, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+}
+"""Strings: fundamental f_0 (Hz), Z_0, stiffness and torsion. Sources are in PHYSICS.md section 10."""
+
+BRIDGES: dict[str, dict[str, float]] = {
+    "surrogate": {"bridge_r": 25.0, "bridge_w_c": 4.0},
+    "t60": {"bridge_r": 63.5, "bridge_w_c": 1.4},
+    "monochord": {"bridge_r": 100.0, "bridge_w_c": 1.4},
+    "rigid": {"bridge_r": 1000.0, "bridge_w_c": 0.0},
+}
+"""Cremer's spring and dashpot: *surrogate* is calibrated to the Q factors of an open A string, *t60* is fitted to
+published decay times (PHYSICS.md section 3); *monochord*, and *rigid* for a body of its own: the string's own losses
+(section 10)."""
+
+HAIRS: dict[str, dict[str, float]] = {
+    "rigid": {"hair_k": 0.0, "hair_r": 0.0},
+    "hair_soft": {"hair_k": 1000.0, "hair_r": 3.0},
+    "hair_ribbon": {"hair_k": 1.1e5, "hair_r": 10.0},
+}
+"""Bow hair: *hair_soft* is fitted to a measured cello string and stands for hair, stick and hand; *hair_ribbon* is
+10 mm of ribbon (Pitteroff and Woodhouse; PHYSICS.md section 12)."""
+
+ROSINS: dict[str, dict[str, float]] = {
+    "rosin": {"rosin_t_g": 25.0, "mu_s": 1.05},
+    "rosin_hard": {"rosin_t_g": 35.0, "mu_s": 1.05},
+    "rosin_soft": {"rosin_t_g": 18.0, "mu_s": 1.05},
+}
+"""Rosins for thermal friction (van Walstijn et al. 2026; PHYSICS.md section 13)."""
+
+WHOLE = 1e-9
+"""A round trip this near to a whole number of samples is one."""
+
+PRESETS: dict[str, dict[str, dict[str, float]]] = {
+    "string": STRINGS,
+    "bridge": BRIDGES,
+    "hair": HAIRS,
+    "rosin": ROSINS,
+}
+"""Settings that name a preset, and the presets."""
+
+
+class Quantity(NamedTuple):
+    """A setting in SI units, another way to give one of the paper's.
+
+    Parameters
+    ----------
+    same : str
+        The setting in the paper's units.
+    unit, doc : str
+    needs : tuple of str
+        Settings without which it has no meaning.
+    convert : callable
+        Returns the value of `same`, from this one and from all settings by name; numbers or arrays.
+    """
+
+    same: str
+    unit: str
+    doc: str
+    needs: tuple[str, ...]
+    convert: Callable[[Any, Mapping[str, Any]], Any]
+
+
+SI: dict[str, Quantity] = {
+    "f_0": Quantity("sample_rate", "Hz", "frequency of the string", (), lambda x, p: p["period"] * x),
+    "speed": Quantity("v_b", "m/s", "final bow speed", ("v_unit",), lambda x, p: x / p["v_unit"]),
+    "force": Quantity(
+        "f_asym",
+        "N",
+        "asymptotic bow force",
+        ("z_0", "v_unit"),
+        lambda x, p: x / (p["y_t"] * p["z_0"] * p["v_unit"]),
+    ),
+    "bow_acceleration": Quantity(
+        "acceleration",
+        "m/s^2",
+        "accelerate_to, guettler: rise of the bow speed",
+        ("v_unit",),
+        lambda x, p: x / (p["sample_rate"] / p["period"] * p["v_unit"]),
+    ),
+    "v_0": Quantity(
+        "v_mid", "m/s", "slip speed where friction is midway", ("v_unit",), lambda x, p: p["v_b"] - x / p["v_unit"]
+    ),
+    "beta": Quantity(
+        "bow_bridge", "", "distance of the bow from the bridge over length", (), lambda x, p: x * p["period"]
+    ),
+}
+"""Settings in SI units by name; those that others need come first."""
+
+
+def take_presets(given: dict[str, Any], path: str = "") -> dict[str, Any]:
+    """Take the names of presets out of settings; return the values that they stand for, `f_0` left in the settings.
+
+    Thermal friction without a rosin is that of the preset ``rosin``.
+
+    Raises
+    ------
+    ParameterError
+        For a name that there is not.
+    """
+    if given.get("friction") == "thermal":
+        given.setdefault("rosin", "rosin")
+    if given.get("gesture") == "constant_acceleration":  # its name until version 1
+        given["gesture"] = "accelerate_to"
+    values: dict[str, Any] = {}
+    for key, presets in PRESETS.items():
+        if key not in given:
+            continue
+        name = given.pop(key)
+        if not isinstance(name, str) or name not in presets:
+            raise ParameterError(f"{path}{key} = {name!r}: must be one of {', '.join(presets)}")
+        values |= presets[name]
+    f_0 = values.pop("f_0", None)
+    if f_0 is not None and "sample_rate" not in given:
+        given.setdefault("f_0", f_0)
+    return values
+
+
+def in_paper_units(
+    si: Mapping[str, Any], given: Mapping[str, Any], everything: Mapping[str, Any], path: str = ""
+) -> dict[str, Any]:
+    """Return values in SI units as values of the paper's settings.
+
+    Parameters
+    ----------
+    si : Mapping
+        Values by name, of :data:`SI`.
+    given : Mapping
+        The settings that were given in the paper's units: a setting may be given in one way only.
+    everything : Mapping
+        All settings in the paper's units, defaults included.
+
+    Raises
+    ------
+    ParameterError
+        Where a value is no positive number, is given twice, or ``z_0`` or ``v_unit`` is missing.
+    """
+    out: dict[str, Any] = {}
+    known = dict(everything)
+    for name, quantity in SI.items():
+        if name not in si:
+            continue
+        number, unit = as_number(si[name]), f" in {quantity.unit}" if quantity.unit else ""
+        where = f"{path}{name} = {si[name]!r}"
+        if number is None or not number > 0:
+            raise ParameterError(f"{where}: must be a number > 0{unit} ({quantity.doc})")
+        if quantity.same in given:
+            raise ParameterError(f"{where}: {quantity.same} = {given[quantity.same]!r} is given too; give one of them")
+        _check_needs(name, where, known)
+        out |= _split({quantity.same: quantity.convert(number, known)})
+        known |= out
+    return out
+
+
+def lanes_in_paper_units(
+    lanes: Mapping[str, NDArray[np.float64]], everything: Mapping[str, Any], path: str = ""
+) -> dict[str, NDArray[np.float64]]:
+    """Return the values of cells with those in SI units as values of the paper's settings.
+
+    Parameters
+    ----------
+    lanes : Mapping of str to ndarray, each of shape (cells,)
+        Values by the name of a setting.
+    everything : Mapping
+        What all cells share, in the paper's units.
+
+    Raises
+    ------
+    ParameterError
+        As :func:`in_paper_units`.
+    """
+    out = {name: values for name, values in lanes.items() if name not in SI}
+    known = {**everything, **out}
+    for name, quantity in SI.items():
+        if name not in lanes:
+            continue
+        values = np.asarray(lanes[name], np.float64)
+        for i in np.flatnonzero(~(values > 0))[:1]:
+            raise ParameterError(f"{path}{name}[{i}] = {float(values[i])!r}: must be a number > 0 ({quantity.doc})")
+        if quantity.same in out:
+            raise ParameterError(f"{path}{name}: {quantity.same} is given too; give one of them")
+        _check_needs(name, f"{path}{name}", known)
+        columns = [_split({quantity.same: value}) for value in np.asarray(quantity.convert(values, known)).tolist()]
+        out |= {key: np.array([column[key] for column in columns], np.float64) for key in columns[0]}
+        known |= out
+    return out
+
+
+def _check_needs(name: str, where: str, known: Mapping[str, Any]) -> None:
+    for needed in SI[name].needs:
+        if not np.all(known[needed]):
+            hint = "string=NAME, or z_0=NUMBER in kg/s" if needed == "z_0" else "v_unit=NUMBER in m/s"
+            raise ParameterError(f"{where}: needs {hint}")
+
+
+def _split(values: dict[str, float]) -> dict[str, float]:
+    """Divide the round trip bow-bridge-bow into whole samples and what is left."""
+    if "bow_bridge" not in values:
+        return values
+    delay = values["bow_bridge"]
+    near = round(delay)
+    if abs(delay - near) < WHOLE:
+        return {"bow_bridge": near, "bow_offset": 0.0}
+    return {"bow_bridge": math.floor(delay), "bow_offset": delay - math.floor(delay)}

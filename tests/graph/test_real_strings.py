@@ -1,0 +1,41 @@
+"""A string, a bow and a body in SI units go through the whole graph, into the bag and out of it again."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from graph import run_sweep, verified
+
+from bow_sweep.cell.motion import motion
+from bow_sweep.cell.run_cells import RunCells
+from bow_sweep.maps.map_file import read_map_npz
+
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
+
+PLANE = [
+    *("--set", "string=cello_g_b", "--set", "v_unit=0.1", "--set", "hair=hair_soft", "--set", "friction=thermal"),
+    *("--set", "body_modes=100/20/k0.01, 196/30/k0.02", "--set", "bridge=rigid", "--set", "periods=20"),
+    *("--set", "x.name=beta", "--set", "x.first=0.04", "--set", "x.last=0.2", "--set", "x.scale=log"),
+    *("--set", "y.name=force", "--set", "y.first=0.2", "--set", "y.last=3", "--set", "y.scale=log"),
+    *("--nx", "6", "--ny", "4", "--simulators", "2", "--set", "block_cells=8"),
+]
+
+
+def test_a_plane_in_newton_is_recorded_judged_verified_and_computed_again(tmp_path: Path) -> None:
+    run = run_sweep(tmp_path / "run", *PLANE)
+    verified(run)
+    plane = read_map_npz(run / "map.npz")
+    assert (plane.x_name, plane.y_name) == ("beta", "force")
+    assert plane.x == pytest.approx(np.geomspace(0.04, 0.2, 6))
+    assert plane.values["friction"] == "thermal"
+    assert "z_0=1.117" in json.loads((run / "report.json").read_text())["settings"]
+    with RunCells(run) as cells:
+        cell = cells.nearest({"beta": 0.1, "force": 1.0})
+        recorded, computed = cells.record(cell, "bag"), cells.record(cell, "computed")
+    assert recorded.checked and computed.checked
+    assert recorded.bridge_force.tobytes() == computed.bridge_force.tobytes()
+    assert recorded.parameters.beta == pytest.approx(plane.x[cell % 6])
+    assert motion(recorded).same
