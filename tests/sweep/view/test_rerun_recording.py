@@ -1,6 +1,5 @@
 """The recording: what is in the file, also after the process that wrote it was killed."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -18,11 +17,8 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.plane import Snapshot, regime_label
-from bow_sweep.view import rerun_recording
 from bow_sweep.view.codes import FOREIGN_LABEL
 from bow_sweep.view.rerun_recording import RunRecording
-from bow_sweep.view.viewer import Server, connections, uri_of
-from bow_sweep.view.wanted import free_port
 
 
 def snapshot(computed: int | None = None, run: str = RUN) -> Snapshot:
@@ -325,88 +321,6 @@ def test_a_damaged_recording_is_kept_and_complained_about(path, damage):
     if damage == "rubbish":
         assert "dashboard-1.rrd" in complaints[0]
         assert (path.parent / "dashboard-1.rrd").read_bytes() == b"no recording"
-
-
-@pytest.fixture
-def server():
-    made = Server(0)
-    yield made
-    made.stop()
-
-
-def test_viewers_that_come_late_get_everything_also_when_the_dashboard_has_ended(path, tmp_path, server):
-    shown = recording(path, uri=server.uri)
-    shown.map(snapshot(computed=12))
-    shown.map(snapshot())
-    shown.status("the end")
-    shown.finish()
-    assert verify(path) == ""
-    got = tmp_path / "got.rrd"
-    viewer = subprocess.Popen(
-        [sys.executable, "-m", "rerun", "--connect", server.uri, "--save", str(got)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # the viewer is a child of this process
-    )
-    try:
-        deadline = 60.0
-        while deadline > 0 and not (got.exists() and _holds(got, "account")):
-            try:
-                viewer.wait(0.5)
-            except subprocess.TimeoutExpired:
-                deadline -= 0.5
-        assert len(connections(server.port)) == 1
-    finally:
-        os.killpg(viewer.pid, signal.SIGTERM)
-        viewer.wait()
-    assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
-    assert len(rows(got, "map/picture", "SegmentationImage:buffer")) == 3
-
-
-def test_the_file_is_whole_where_the_viewer_goes_away(path, server):
-    said: list[str] = []
-    shown = recording(path, uri=server.uri, warn=said.append)
-    shown.map(snapshot(computed=12))
-    shown.flush()
-    server.stop()
-    for computed in (16, 20, 24):
-        shown.map(snapshot(computed=computed))
-        shown.flush()
-    shown.map(snapshot())
-    shown.finish()
-    assert said == ["the viewer is gone; dashboard.rrd is written on"]
-    assert verify(path) == ""
-    assert len(rows(path, "map/picture", "SegmentationImage:buffer")) == 6
-
-
-def test_a_viewer_that_is_stopped_holds_nobody_up(path, server, monkeypatch):
-    monkeypatch.setattr(rerun_recording, "DELIVER_S", 0.5)
-    shown = recording(path, uri=server.uri, warn=lambda _: None)
-    os.kill(server.pid, signal.SIGSTOP)
-    for _ in range(200):
-        shown.map(snapshot())
-    shown.finish()
-    assert verify(path) == ""
-    assert len(rows(path, "map/picture", "SegmentationImage:buffer")) == 201
-    os.kill(server.pid, signal.SIGCONT)
-
-
-def test_where_no_viewer_is_the_file_is_written_and_that_is_said(path, monkeypatch):
-    monkeypatch.setattr(rerun_recording, "ANSWER_S", 0.1)
-    said: list[str] = []
-    nobody = uri_of(free_port())
-    shown = recording(path, uri=nobody, warn=said.append)
-    shown.map(snapshot())
-    shown.finish()
-    assert said == [f"the map is not shown live: nothing listens at {nobody}"]
-    assert verify(path) == ""
-
-
-def _holds(path: Path, entity: str) -> bool:
-    try:
-        return entity in entities(path)
-    except Exception:
-        return False
 
 
 def test_a_directory_that_cannot_be_written_is_an_error(tmp_path):
