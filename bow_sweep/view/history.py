@@ -135,7 +135,7 @@ def _place(record: rr.RecordingStream, plane: MapFile, decorations: Mapping[str,
 def _levels(plane: MapFile) -> tuple[np.ndarray, list[tuple[int, str, tuple[int, int, int]]]]:
     """Return the transient lengths as codes, (ny, nx) uint8, with their names and colours.
 
-    All are below 128: rerun 0.41 paints an image of larger codes in the colours of their neighbours (its issue 12939).
+    All are below 128: for images of larger codes rerun has used the colours of their neighbours (its issue 12939).
     """
     step = CHUNK_PERIODS * math.ceil(plane.periods / CHUNK_PERIODS / MOST_LENGTHS)
     lengths = np.minimum(step * np.arange(1, math.ceil(plane.periods / step) + 1), plane.periods)
