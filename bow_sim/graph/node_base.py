@@ -185,6 +185,11 @@ class BowNode(Node):
             for line in self._run_log.take(plan, self.run_note):
                 self.get_logger().info(line)
 
+    def log_end(self) -> None:
+        """Log the end of a run that is still open for this node."""
+        for line in self._run_log.leave(self.run_note):
+            self.get_logger().info(line)
+
     def run_note(self) -> str:
         """Return what this node adds to its lines about a run."""
         return ""

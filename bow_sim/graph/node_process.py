@@ -121,6 +121,7 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
         if node is not None:
             try:
                 node.close()
+                node.log_end()
                 exit_after(LEAVE_S)
                 node.set_state(Health.CLOSED, LEFT)
             except Exception:

@@ -69,6 +69,13 @@ class RunLog:
             lines.append(f"run {run}: {100 // STEPS * step} %, {settled} blocks done{added}")
         return lines
 
+    def leave(self, note: Callable[[], str] = str) -> list[str]:
+        """Return the line of a node that ends while a run is open, or before it hears that the run has closed."""
+        run, self.run = self.run, ""
+        if not run or not self._says_ends:
+            return []
+        return [f"run {run} closes: the node was told to stop{f'; {said}' if (said := note()) else ''}"]
+
     def _share(self, plan: Mapping[str, Any], settled: int) -> float:
         """Return how much is done, 0 ... 1: of all cells, or of those that an adaptive sweep may simulate."""
         assert self._outline is not None

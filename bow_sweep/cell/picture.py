@@ -97,11 +97,11 @@ def _pitch(portrait: Portrait, axis: Any) -> None:
     axis.plot(np.asarray(tests.periods)[known], cents, "o", ms=3, color=BLUE)
     axis.set(xlim=(0, len(record.bridge_force) / record.period), ylabel="cents", xlabel="time (nominal periods)")
     axis.margins(y=0.2)
-    axis.set_title("pitch at each test, over the regimes", loc="left")
+    axis.set_title("pitch at each test", loc="left")
     if handles:
         patches = list(handles.values())
         place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.2}
-        axis.legend(handles=patches, ncols=4, fontsize=6.5, frameon=False, **place)
+        axis.legend(handles=patches, ncols=5, fontsize=6, columnspacing=1, frameon=False, **place)
 
 
 def _friction(portrait: Portrait, axis: Any) -> None:

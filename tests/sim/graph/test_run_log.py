@@ -45,6 +45,17 @@ def test_a_node_with_better_lines_for_both_ends_says_the_tenths_alone() -> None:
     assert said(log, plan(), plan(done=4), plan(PlanState.CLOSED, done=4)) == [f"run {RUN}: 100 %, 4 blocks done"]
 
 
+def test_a_node_that_ends_before_the_run_says_so_once() -> None:
+    log = RunLog()
+    assert log.leave() == []
+    said(log, plan())
+    assert log.leave(lambda: "7 chunks here") == [f"run {RUN} closes: the node was told to stop; 7 chunks here"]
+    assert log.leave() == []
+    with_better_lines = RunLog(says_ends=False)
+    said(with_better_lines, plan())
+    assert with_better_lines.leave() == []
+
+
 def test_the_next_run_begins_anew() -> None:
     log = RunLog()
     said(log, plan(done=4), plan(PlanState.CLOSED, done=4))
