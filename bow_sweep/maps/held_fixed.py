@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import FIELDS
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, SYMBOLS
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
@@ -12,14 +13,16 @@ GESTURE_SETTINGS = {
     "exponential": ("f_asym", "f_init_ratio", "tau_f"),
     "martele": ("f_asym", "f_init_ratio", "tau_f", "tau_v"),
     "string_crossing": ("f_asym", "tau_f"),
-    "constant_acceleration": ("f_asym", "f_init_ratio", "tau_f", "acceleration"),
+    **dict.fromkeys(
+        ("accelerate_to", "guettler", "constant_acceleration"), ("f_asym", "f_init_ratio", "tau_f", "acceleration")
+    ),
 }
-"""The settings that each gesture uses (sections II.A and III.C)."""
+"""The settings that each gesture uses (sections II.A and III.C, PHYSICS.md 14); one has its name in older maps."""
 
 ALWAYS = ("v_mid", "bow_bridge", "mu_s", "mu_d", "v_b", "y_t")
 """Settings that every caption names, because every map depends on them; v_b and y_t are the units of the others."""
 
-ELSEWHERE = ("model", "gesture", "periods", "dtype", "period", "friction")
+ELSEWHERE = ("model", "gesture", "periods", "dtype", "period", "bow_offset")
 """Settings that a caption has in other words, or that change no map."""
 
 UNITS = {"f_asym": "v_b/Y_T", "f_init_ratio": "", "v_b": "", "y_t": ""}
@@ -64,12 +67,12 @@ def held_fixed(plane: Plane) -> list[Held]:
     Those of the gesture come first, then those of every map, then others that differ from their defaults. A map of a
     file without settings has none.
     """
-    given, axes = plane.values, (plane.x_name, plane.y_name)
+    given = plane.values
+    axes = {same for name in (plane.x_name, plane.y_name) for same in (name, SI[name].same if name in SI else name)}
     gesture = GESTURE_SETTINGS.get(given.get("gesture", "exponential"), ())
     if "f_init_ratio" not in axes and _short(given.get("f_init_ratio", "")) == "1":
-        gesture = tuple(
-            name for name in gesture if name != "tau_f"
-        )  # a force that does not change has no time constant
+        # a force that does not change has no time constant
+        gesture = tuple(name for name in gesture if name != "tau_f")
     unusual = [
         name
         for name, known in FIELDS.items()
@@ -81,14 +84,19 @@ def held_fixed(plane: Plane) -> list[Held]:
 
 def _held(name: str, given: dict[str, str]) -> Held:
     if name == "bow_bridge" and "period" in given:
-        return Held(name, f"{_short(given[name])}/{_short(given['period'])}", "")
+        trip = float(given[name]) + float(given.get("bow_offset", 0))
+        return Held(name, f"{trip:g}/{_short(given['period'])}", "")
     if name.endswith("_function"):
         return Held(name, "own", "")
     return Held(name, _short(given[name]), _unit(name))
 
 
 def _unit(name: str) -> str:
-    return UNITS.get(name, (FIELDS[name].metadata["unit"] or "") if name in FIELDS else "")
+    if name in UNITS:
+        return UNITS[name]
+    if name in SI:
+        return SI[name].unit
+    return str(FIELDS[name].metadata["unit"] or "") if name in FIELDS else ""
 
 
 def cell_names(plane: Plane) -> list[str]:

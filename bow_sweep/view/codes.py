@@ -1,8 +1,7 @@
 """Codes of the pictures of a map: which number each cell has in each picture, and what the numbers mean.
 
-Every picture is an image of codes with names and colours, so that the viewer shows the same colours as the legends, and
-a name under the cursor. A code of the two main pictures tells regime and transient length together: each of them says
-both, and is painted by one.
+Every code has a name, which the viewer shows under the cursor, and a colour. A code of the two main pictures tells
+regime and transient length together: each of them says both, and is painted by one.
 """
 
 from __future__ import annotations

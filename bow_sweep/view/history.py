@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz
-from bow_sweep.maps.plane import CLEAR, NOT_COMPUTED, upright
+from bow_sweep.maps.plane import upright
 from bow_sweep.view.blueprint import plane_view
 from bow_sweep.view.decorations import (
     Decorations,
@@ -46,6 +46,10 @@ STEPS = {
 
 MOST_LENGTHS = 120
 """Number of transient lengths with a colour of their own; longer simulations have several lengths in one."""
+
+NONE, GIVEN = 1, 2
+"""Codes of cells without a number, and with one. The second is in every picture: rerun 0.41 paints an image of codes in
+wrong colours when the largest of them is another one than before."""
 
 NO_NUMBER = "none"
 """Name of cells that have no number in a picture."""
@@ -82,12 +86,11 @@ def write_history(path: Path, plane: MapFile) -> None:
         decorations[place] = number_decorations(plane, place.rpartition("/")[2], ends, [(NO_NUMBER, GREY)])
     _place(record, plane, decorations)
     names = regime_legend(plane.regime_names)
-    regimes = [(number, label, colour) for number, (_, label, colour) in enumerate(names)]
-    record.log("steps/regime", rr.AnnotationContext(regimes), static=True)
+    paint = np.array([colour for _, _, colour in names], np.uint8)
     levels, meanings = _levels(plane)
     record.log("summary/transient", rr.AnnotationContext(meanings), static=True)
     for place in limits:
-        classes = [(CLEAR, "", (0, 0, 0, 0)), (NOT_COMPUTED, NO_NUMBER, (*GREY, 255))]
+        classes = [(NONE, NO_NUMBER, (*GREY, 255)), (GIVEN, "", (0, 0, 0, 0))]
         record.log(place, rr.AnnotationContext(classes), static=True)
     record.log("summary/transient/picture", _codes(levels), static=True)
     for name in ("regressions", "flattening", "count"):
@@ -95,7 +98,8 @@ def write_history(path: Path, plane: MapFile) -> None:
     for test, periods in enumerate(plane.test_periods.tolist()):
         record.set_time("periods", sequence=int(periods))
         codes = np.minimum(plane.regimes[test], len(names) - 1)  # the last is "pending"
-        record.log("steps/regime/picture", _codes(codes))
+        colours = rr.Image(upright(paint[codes]), magnification_filter="nearest", draw_order=BEHIND)
+        record.log("steps/regime/picture", colours)  # no codes, see NONE
         for name in ("correlation", "period", "confidence"):
             _numbers(record, f"steps/{name}", getattr(plane, name)[test], limits[f"steps/{name}"])
     tabs = [
@@ -165,7 +169,7 @@ def _numbers(
         draw_order=BEHIND,
     )
     record.log(f"{place}/picture", picture, static=static)
-    missing = np.where(np.isnan(image), NOT_COMPUTED, CLEAR).astype(np.uint8)
+    missing = np.where(np.isnan(image), NONE, GIVEN).astype(np.uint8)
     record.log(f"{place}/missing", rr.SegmentationImage(missing, opacity=1.0, draw_order=ABOVE), static=static)
 
 

@@ -3,8 +3,9 @@
 The caller sets the time before each call. Names and colours of codes (an ``AnnotationContext``) are logged once by a
 dashboard, before its first picture.
 
-The viewer says of an image only the position of a pixel. So each picture has a second entity, its cells: a short thick
-line for each, on top of the picture and in the same colours, so that it is not seen. What is under the cursor is then a
+Pictures are colours, not codes: of an image of codes the viewer shows wrong colours when its largest code changes. And
+of any image it says only the position of a pixel. So each picture has a second entity, its cells: a short thick line
+for each, on top of the picture and in the same colours, so that it is not seen. What is under the cursor is then a
 cell, and the viewer shows its parameters and the meaning of its code. It does so for two values and no more.
 """
 
@@ -40,7 +41,9 @@ BEHIND, BETWEEN, ABOVE = -20.0, -15.0, -10.0
 
 THIN = rr.Radius.ui_points(0.75)
 
-MOST_CELLS = 20_000
+RGB, U8 = rr.ColorModel.RGB, rr.ChannelDatatype.U8
+
+MOST_CELLS = 40_000
 """Larger maps have no cells to point at: each takes 100 bytes, and the viewer must draw them all."""
 
 SPOKEN = ("map", "regime")
@@ -91,6 +94,7 @@ class MapLayers:
             "terrain": terrain_meanings(),
         }
         self._name_codes(meanings)
+        self._paint = {place: _palette(known) for place, known in meanings.items()}
         self._name_lines()
         for place, decorations in self.decorations.items():
             draw(self._log, f"{place}/axes", decorations)
@@ -128,7 +132,7 @@ class MapLayers:
     def _place_cells(self) -> None:
         """Log the size of the pictures, and the places and names of the cells."""
         width, height = cell_size(self._plane)
-        look = rr.SegmentationImage.from_fields(opacity=1.0, draw_order=BEHIND)
+        look = rr.Image.from_fields(opacity=1.0, draw_order=BEHIND, magnification_filter="nearest")
         for place in self.decorations:
             self._log(f"{place}/picture", rr.Transform3D(scale=[width, height, 1.0]), look, static=True)
         self.radius = 0.0
@@ -145,14 +149,17 @@ class MapLayers:
             self._log(f"{place}/cells", strips, *([] if place in SPOKEN else [names]), static=True)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Log the pictures of a map, and how many cells have each regime and each transient length."""
+        """Log the pictures of a map, and how many cells have each transient length."""
         for place, codes in self._all_codes(snapshot).items():
             self._show(place, codes)
-        self._log("counts", rr.Scalars(self._motion.of_regimes(self._last).astype(float)))
         self._log("lengths", _bars(snapshot))
 
+    def counts(self) -> None:
+        """Log how many cells of the latest map are in each regime: lines over time, on one timeline only."""
+        self._log("counts", rr.Scalars(self._motion.of_regimes(self._last).astype(float)))
+
     def show_tests(self, tests: Iterable[tuple[int, Snapshot]]) -> None:
-        """Log what :meth:`show` does, on the timeline `test`; it sets the time itself.
+        """Log what :meth:`show` and :meth:`counts` do, on the timeline `test`; it sets the time itself.
 
         Parameters
         ----------
@@ -174,10 +181,9 @@ class MapLayers:
         at = [rr.TimeColumn("test", sequence=times)]
         for place, series in codes.items():
             height, width = series[0].shape
-            form = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.U16)
-            pixels = [upright(made).tobytes() for made in series]
-            pictures = rr.SegmentationImage.columns(buffer=pixels, format=[form] * len(times))
-            send(f"{place}/picture", at, pictures)
+            form = rr.components.ImageFormat(width=width, height=height, color_model=RGB, channel_datatype=U8)
+            pixels = [upright(self._paint[place][made]).tobytes() for made in series]
+            send(f"{place}/picture", at, rr.Image.columns(buffer=pixels, format=[form] * len(times)))
             if self.radius:
                 flat = np.concatenate([made.ravel() for made in series])
                 send(
@@ -209,7 +215,7 @@ class MapLayers:
 
     def _show(self, place: str, codes: np.ndarray) -> None:
         """Log a picture and the same codes of its cells, (ny, nx)."""
-        self._log(f"{place}/picture", rr.SegmentationImage(upright(codes)))
+        self._log(f"{place}/picture", rr.Image(upright(self._paint[place][codes]), color_model=RGB))
         if self.radius:
             self._log(f"{place}/cells", rr.LineStrips2D.from_fields(class_ids=codes.ravel()))
 
@@ -220,6 +226,13 @@ def _bars(plane: Plane) -> rr.BarChart:
     found = plane.transient_periods[np.nan_to_num(plane.transient_periods) > 0]
     counts = np.bincount(np.rint(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
     return rr.BarChart(counts, abscissa=ends, widths=np.full(len(ends), 0.9 * CHUNK_PERIODS), color=BAR_COLOUR)
+
+
+def _palette(meanings: Sequence[Meaning]) -> np.ndarray:
+    """Return the colour of each code, (codes, 3) uint8."""
+    table = np.zeros((max(each.code for each in meanings) + 1, 3), np.uint8)
+    table[[each.code for each in meanings]] = [each.colour for each in meanings]
+    return table
 
 
 def context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:

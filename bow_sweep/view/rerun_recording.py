@@ -159,6 +159,8 @@ class RunRecording:
         self.snapshot = snapshot
         self._now(among_samples=True)
         self._layers.show(snapshot)
+        self._now()
+        self._layers.counts()
 
     def rate(self, done: int) -> float:
         """Return the cells done per second over the last `RATE_WINDOW_S`."""

@@ -24,7 +24,7 @@ COLOURS = (
 )
 """Colours of the cells, different from viridis and from each other."""
 
-WIDTH, ROW, SWING, CAPTION = 240.0, 32.0, 9.0, 11.0
+WIDTH, ROW, SWING, CAPTION = 240.0, 36.0, 9.0, 15.0
 """Width of a chunk, distance of two rows, amplitude of a curve, and height of the caption above it, in units of its
 view; at the usual size of the view two pixels are one unit."""
 

@@ -51,15 +51,26 @@ def names_of(path: Path, place: str) -> dict[int, str]:
     return {entry["class_id"]: entry["class_description"]["info"]["label"] for entry in meanings}
 
 
-def picture(path: Path, place: str, row: int = -1) -> np.ndarray:
-    """The codes of a picture of a map, the lowest row of the map first."""
-    return image(path, f"{place}/picture", "SegmentationImage", "u2", row)[::-1]
+def colours(path: Path, place: str, row: int = -1) -> np.ndarray:
+    """The colours of a picture of a map, (ny, nx, 3), the lowest row of the map first."""
+    (layout,) = rows(path, f"{place}/picture", "Image:format")[row][1]
+    (buffer,) = rows(path, f"{place}/picture", "Image:buffer")[row][1]
+    return np.array(buffer, np.uint8).reshape(layout["height"], layout["width"], 3)[::-1]
 
 
 def named(path: Path, place: str, row: int = -1) -> list[list[str]]:
-    """What a picture of a map says of each cell, the lowest row of the map first."""
-    names = names_of(path, place)
-    return [[names[code] for code in line] for line in picture(path, place, row).tolist()]
+    """What a picture of a map says of each cell, the lowest row of the map first. Its colours mean the same."""
+    ((_, (meanings,)),) = rows(path, place, "AnnotationContext:context")
+    names, paint = {}, {}
+    for entry in meanings:
+        info = entry["class_description"]["info"]
+        names[entry["class_id"]], paint[entry["class_id"]] = info["label"], info["color"] >> 8
+    codes = rows(path, f"{place}/cells", "LineStrips2D:class_ids")[row][1]
+    shown = colours(path, place, row)
+    packed = (shown.astype(int) * [1 << 16, 1 << 8, 1]).sum(axis=-1).ravel().tolist()
+    assert packed == [paint[code] for code in codes]
+    width = shown.shape[1]
+    return [[names[code] for code in codes[first : first + width]] for first in range(0, len(codes), width)]
 
 
 def pending(path: Path) -> list[int]:

@@ -1,5 +1,7 @@
 """What the captions of a map say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from example_maps import map_file
@@ -72,6 +74,12 @@ def test_what_differs_from_its_default_is_named_with_its_unit():
     assert not [line for line in said if line.startswith("v_mid")]
 
 
+def test_an_axis_in_si_units_takes_the_place_of_the_papers_parameter():
+    plane = plane_of("fig11d", "string=violin_a", "v_unit=0.1", "x.name=force", "x.first=0.2", "x.last=4")
+    assert not [line for line in lines(plane) if line.startswith("f_asym")]
+    assert cell_names(plane)[0].startswith("force 0.2 N, ")
+
+
 @pytest.mark.parametrize("preset", sorted(presets()))
 def test_no_axis_is_held_fixed_and_no_line_is_too_long(preset):
     plane = plane_of(preset)
@@ -88,6 +96,4 @@ def test_a_cell_is_named_by_its_parameters_with_units():
 
 
 def test_a_map_without_settings_has_a_caption_of_its_length():
-    from dataclasses import replace
-
     assert caption(replace(map_file(), settings=()), 100) == ["Map of the bowed string  \u00b7  100 periods"]

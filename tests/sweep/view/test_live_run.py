@@ -76,7 +76,7 @@ def test_a_run_that_is_over_has_every_test_when_its_map_is_written(live):
     live.map(basin_map())
     live.plan(plan(CLOSED, done=4))
     live.finish([])
-    times = {when.get("test") for when, _ in rows(live.recording.path, "map/picture", "SegmentationImage:buffer")}
+    times = {when.get("test") for when, _ in rows(live.recording.path, "map/picture", "Image:buffer")}
     assert times == {0, *range(5, 105, 5)}
 
 

@@ -65,7 +65,7 @@ def test_viewers_that_come_late_get_everything_also_when_the_dashboard_has_ended
         os.killpg(viewer.pid, signal.SIGTERM)
         viewer.wait()
     assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
-    assert len(rows(got, "map/picture", "SegmentationImage:buffer")) == 3
+    assert len(rows(got, "map/picture", "Image:buffer")) == 3
 
 
 def test_the_file_is_whole_where_the_viewer_goes_away(path, server):
@@ -81,7 +81,7 @@ def test_the_file_is_whole_where_the_viewer_goes_away(path, server):
     shown.finish()
     assert said == ["the viewer is gone; dashboard.rrd is written on"]
     assert verify(path) == ""
-    assert len(rows(path, "map/picture", "SegmentationImage:buffer")) == 6
+    assert len(rows(path, "map/picture", "Image:buffer")) == 6
 
 
 def test_a_viewer_that_is_stopped_holds_nobody_up(path, server, monkeypatch):
@@ -92,7 +92,7 @@ def test_a_viewer_that_is_stopped_holds_nobody_up(path, server, monkeypatch):
         shown.map(snapshot())
     shown.finish()
     assert verify(path) == ""
-    assert len(rows(path, "map/picture", "SegmentationImage:buffer")) == 201
+    assert len(rows(path, "map/picture", "Image:buffer")) == 201
     os.kill(server.pid, signal.SIGCONT)
 
 

@@ -10,6 +10,7 @@ from example_maps import APERIODIC, HELMHOLTZ, SLIP, map_file
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.map_file import MAP, MapFile, write_map_npz
 from bow_sweep.maps.plane import Plane
+from bow_sweep.view import tests_over_time
 from bow_sweep.view.tests_over_time import LEDGER, at_each_test, confidence_words, finished_map
 
 
@@ -79,7 +80,8 @@ def test_the_map_is_waited_for_until_it_is_there(directory):
 
 
 @pytest.mark.parametrize("why", ["less of the same run", "another run", "an older file", "rubbish"])
-def test_an_older_map_is_not_taken_and_not_waited_for_for_ever(directory, why):
+def test_an_older_map_is_not_taken_and_not_waited_for_for_ever(directory, monkeypatch, why):
+    monkeypatch.setattr(tests_over_time, "MAP_S", 0.5)
     shown: Plane = with_history()
     old = {
         "less of the same run": with_history(computed=20),
@@ -92,7 +94,7 @@ def test_an_older_map_is_not_taken_and_not_waited_for_for_ever(directory, why):
         (directory / MAP).write_bytes(b"rubbish")
     waits: list[float] = []
     assert finished_map(directory, shown, waits.append) is None
-    assert sum(waits) == pytest.approx(10.0)
+    assert sum(waits) == pytest.approx(0.5)
 
 
 def test_a_directory_of_no_run_is_not_waited_for(tmp_path):

@@ -7,16 +7,20 @@ import io
 import socket
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from example_maps import basin_map, inspection, plan
+from example_maps import HELMHOLTZ, SLIP, basin_map, inspection, map_file, plan
 from PIL import Image
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.figures.colours import GREY, transient_colours
+from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.view.live_run import LiveRun
+from bow_sweep.view.tests_over_time import LEDGER
 
 NEEDED = "needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1"
 SETTLE_S = 2.0
@@ -42,6 +46,14 @@ def shown(tmp_path_factory) -> Path:
     for chunk in range(20):
         for cell in (35, 70):
             show.inspect(cdr.unseal("InspectedCell", inspection(cell, chunk)))
+    result = map_file(16, 8, computed=112)
+    tested = ~np.isnan(result.transient_periods)
+    regimes = np.where(tested, np.where(result.helmholtz, HELMHOLTZ, SLIP), PENDING).astype(np.uint8)
+    directory = show.recording.path.parent
+    (directory / LEDGER).touch()
+    confidence = np.full(regimes.shape, 0.9, np.float32)
+    write_map_npz(directory / MAP, replace(result, regimes=regimes, confidence=confidence))
+    show.plan(plan(2, nx=16, ny=8, done=14))
     show.finish([])
     return show.recording.path
 
@@ -85,7 +97,7 @@ def test_every_view_is_there_and_none_complains(viewer):
     assert {"/counts", "/account", "/scope", "/waveform/cell_35", "/waveform/cell_70"} <= origins
     assert {view.name: view.reports for view in state.views if view.reports} == {}
     assert state.recordings[0].current_timeline == "sweep"
-    assert {timeline.name for timeline in state.recordings[0].timelines} == {"log_time", "sweep", "sample"}
+    assert {timeline.name for timeline in state.recordings[0].timelines} == {"log_time", "sweep", "sample", "test"}
 
 
 @pytest.mark.full
@@ -114,3 +126,18 @@ def test_maps_stay_while_waveforms_are_scrubbed(viewer):
     again = picture(viewer, "map")
     for colour in (GREY, transient_colours(50, 100)):
         assert share_of(again, colour) == pytest.approx(share_of(before, colour), abs=0.01)
+
+
+@pytest.mark.full
+def test_the_map_of_each_test_has_its_colours_in_whatever_order_one_looks(viewer):
+    def shown(periods: int, colour) -> float:
+        viewer.set_time("test", sequence=periods, play_state="paused")
+        time.sleep(SETTLE_S)
+        return share_of(picture(viewer, "map"), colour)
+
+    whole = shown(0, GREY)
+    assert whole > 0.3
+    assert shown(5, (0, 0, 0)) == pytest.approx(7 / 8 * whole, rel=0.1)  # of eight rows the last is pending
+    for _ in range(2):
+        assert shown(50, transient_colours(50, 100)) == pytest.approx(5 / 8 * whole, rel=0.1)
+        assert shown(0, GREY) == pytest.approx(whole, rel=0.02)
