@@ -154,6 +154,24 @@ class BagCells:
                 raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
         return found[0], found[1]
 
+    def force(self, cell: int, chunk: int) -> np.ndarray | None:
+        """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.
+
+        Raises
+        ------
+        DamagedCell
+            Where the checksum of its message does not hold.
+        """
+        block, row, samples = self.block_of(cell), int(self._row[cell]), self.outline.chunk_samples
+        place = None if block is None else self._survey.places["bridge_force"].get((block, chunk))
+        if place is None:
+            return None
+        try:
+            values = self.outline.unseal("BridgeForce", self._read(place))
+        except (BagError, cdr.WireError, OSError) as error:
+            raise DamagedCell(f"cell {cell}: block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+        return np.array(values["data"][row * samples : (row + 1) * samples], np.float32)
+
     def _read(self, place: Place) -> bytes:
         """Return a whole message; the survey of the index knows its place only.
 

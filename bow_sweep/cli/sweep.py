@@ -22,6 +22,7 @@ from bow_sweep.view.wanted import Wanted, WantedError, wanted
 
 if TYPE_CHECKING:
     from bow_sweep.cli.sweep_jobs import Work
+    from bow_sweep.view.viewer import Screen
 
 MOST_A_CORE = 8
 """Simulators started for each core at most. More slow each other down until they are connected, and compute no faster:
@@ -134,8 +135,19 @@ def _sweep(args: argparse.Namespace) -> int:
     if most < args.simulators:
         warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
         args.simulators = most
+    from bow_sweep.view.viewer import Screen
+
+    # Before all else: a window needs a second to appear, and viewers connect from the beginning on.
+    screen = Screen.open(dashboard.window, dashboard.port) if work.jobs else Screen()
+    try:
+        return _run_and_report(args, work, dashboard, screen)
+    finally:
+        screen.close(warn)
+
+
+def _run_and_report(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen) -> int:
     left_out: list[Path] = []
-    status = _run(args, work, dashboard, left_out)
+    status = _run(args, work, dashboard, screen, left_out)
     if status != DONE:
         return status
     if work.campaign:
@@ -145,7 +157,7 @@ def _sweep(args: argparse.Namespace) -> int:
     return QUARANTINED if quarantined else DONE
 
 
-def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, left_out: list[Path]) -> int:
+def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen, left_out: list[Path]) -> int:
     """Make the runs with one display, and release their directory; append the logs of processes that were left out."""
     from bow_sweep.processes.progress import Display
     from bow_sweep.processes.run_graph import run_graph
@@ -153,7 +165,7 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, left_out: list
 
     owned, jobs = work.owned, work.jobs
     display = Display()
-    for note in dashboard.notes:
+    for note in (*dashboard.notes, *screen.notes):
         display.print_line(note)
     again = f"go on with: bow sweep --resume {shlex.quote(str(owned.directory))}"
     unbegun = "no run was begun, and nothing is left of it: the same command can be given again"
@@ -182,8 +194,9 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, left_out: list
                 job.sweep,
                 resume=job.resume,
                 simulators=args.simulators,
-                dashboard=None if left_out else dashboard.parameters,  # one that failed once would fail again
+                dashboard=dashboard.dashboard and not left_out,  # one that failed once would fail again
                 display=display,
+                screen=screen,
                 sync=not args.no_sync,
                 lock=not args.no_lock,
             )

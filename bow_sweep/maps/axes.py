@@ -131,7 +131,7 @@ class PlotAxis:
             "name=value" of the sweep: the unit of bow force depends on bow speed and admittance.
         """
         known = FIELDS.get(self.name)
-        words = TITLES.get(self.name) or (known.metadata["doc"].partition(";")[0] if known else _si(self.name).doc)
+        words = TITLES.get(self.name) or (known.metadata["doc"] if known else _si(self.name).doc).partition(";")[0]
         if mathematics:
             symbol = SYMBOLS.get(self.name, self.name.replace("_", " ") if known is None else self.name)
         else:

@@ -8,7 +8,6 @@ import os
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
 from bow_sweep.processes.supervisor import Supervisor
 from bow_sweep.run.directory import REPORT, RunError, is_finished, read_ledger
+from bow_sweep.view.viewer import Screen
 
 LOGS = "log"
 AT_ONCE, BETWEEN_S = 8, 0.1
@@ -54,8 +54,9 @@ def run_graph(
     *,
     resume: bool,
     simulators: int,
-    dashboard: dict[str, Any] | None,
+    dashboard: bool,
     display: Display,
+    screen: Screen | None = None,
     sync: bool = True,
     lock: bool = True,
 ) -> list[Path]:
@@ -72,9 +73,11 @@ def run_graph(
     simulators
         Number of simulator processes.
     dashboard
-        ROS parameters of the dashboard; None for no dashboard.
+        Whether there is a dashboard.
     display
         Shows the progress.
+    screen
+        Where the dashboard is seen live.
     sync
         A block is done only when it is on the disk.
     lock
@@ -92,7 +95,7 @@ def run_graph(
     KeyboardInterrupt
         After Ctrl-C or SIGTERM; all processes have been stopped in order.
     """
-    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard is not None, "lock": lock}
+    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard, "lock": lock}
     if resume:
         coordinator["resume"] = str(directory)
     else:
@@ -101,16 +104,20 @@ def run_graph(
     parameters: dict[str, dict[str, object]] = {
         "coordinator": coordinator,
         "recorder": {"run_dir": str(directory), "sync": sync, "lock": lock},
-        "dashboard": {"run_dir": str(directory), **(dashboard or {})},
+        "dashboard": {"run_dir": str(directory), "inspect": inspected_cells(sweep)},
         "simulator": {"inspect": inspected_cells(sweep)},
     }
-    supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory))
+    if is_watched := screen is not None and bool(screen.uri):
+        parameters["dashboard"]["connect"] = screen.uri
+    supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
     finished = False
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
             for role in ("coordinator", "recorder"):
                 supervisor.start(role)
+            if dashboard and is_watched:  # somebody waits for the picture
+                supervisor.start("dashboard")
             with interrupts.immediate():
                 _load_compiled(sweep)
             supervisor.start("classifier")
@@ -119,7 +126,7 @@ def run_graph(
                     time.sleep(BETWEEN_S)
                     interrupts.check()
                 supervisor.start("simulator")
-            if dashboard is not None:  # last: no other process waits for it
+            if dashboard and not is_watched:  # last: no other process waits for it
                 supervisor.start("dashboard")
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
             from bow_sweep.processes.supervisor_node import watch

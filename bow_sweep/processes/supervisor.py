@@ -22,6 +22,7 @@ from bow_sweep.processes.exit_status import DONE
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
 from bow_sweep.processes.roles import CHILD, MODULES
 from bow_sweep.processes.shm_cleaner import ShmCleaner
+from bow_sweep.view.viewer import Screen
 
 STOP_ORDER = ("simulator", "classifier", "coordinator", "recorder", "dashboard")
 """Sources first, so that the recorder still receives the messages under way."""
@@ -98,16 +99,16 @@ class Exit:
         return f"exit status {self.status}"
 
 
-def _prepare_child(role: str) -> None:
+def _prepare_child(nice: int) -> None:
     """Set up a child process: SIGTERM when the supervisor exits, and no Ctrl-C from the terminal."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-    os.nice(NICE.get(role, 0))
+    os.nice(nice)
     os.setpgid(0, 0)
 
 
-def _run_node(role: str, name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
+def _run_node(nice: int, name: str, command: Sequence[str], environment: Mapping[str, str]) -> int:
     """Run a node in a copy of the supervisor, under its own name, as if the command had started it."""
-    _prepare_child(role)
+    _prepare_child(nice)
     os.environ.update(environment)
     module, *arguments = command
     # ROS names a log file by the title, so it must be short.
@@ -131,6 +132,8 @@ class Supervisor:
         Role -> ROS parameters of its nodes.
     finished
         Returns whether the files of the run are complete. Called where the coordinator's exit status is unknown.
+    screen
+        Where the dashboard is seen live: somebody looks at it, so it has the same priority as the others.
     """
 
     def __init__(
@@ -139,8 +142,10 @@ class Supervisor:
         logs: Path,
         parameters: Mapping[str, Mapping[str, object]],
         finished: Callable[[], bool] = lambda: False,
+        screen: Screen | None = None,
     ) -> None:
         self.namespace, self.logs, self.parameters, self._finished = namespace, logs, parameters, finished
+        self.screen = screen or Screen()
         self.children: list[Child] = []
         self._released: list[Child] = []
         self._count: dict[str, int] = {}
@@ -161,12 +166,13 @@ class Supervisor:
         cleaner = self._running_cleaner()
         command = [MODULES[role], "--ros-args", *self._arguments(role, name)]
         environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
+        nice = 0 if self.screen.process else NICE.get(role, 0)
         process: Process
         if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack the other threads
-            process = Forked(partial(_run_node, role, name, command, environment), log)
+            process = Forked(partial(_run_node, nice, name, command, environment), log)
         else:
             python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]
-            process = Spawned([*python, *command], log, {**os.environ, **environment}, partial(_prepare_child, role))
+            process = Spawned([*python, *command], log, {**os.environ, **environment}, partial(_prepare_child, nice))
         cleaner.watch(process.pid)
         child = Child(role, name, process, log)
         self.children.append(child)

@@ -245,6 +245,8 @@ def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: 
         for line in [text for text, new in seen.news.items() if new]:
             seen.news[line] = False
             display.print_line(line)
+        if problem := supervisor.screen.problem():
+            display.print_line(problem)
         display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
 
 

@@ -63,7 +63,7 @@ def arrange(decorations: Mapping[str, Decorations], cells: Mapping[int, str], po
     """
 
     def plane(origin: str, name: str) -> rrb.Spatial2DView:
-        return _plane(origin, name, decorations[origin], pointed)
+        return plane_view(origin, name, decorations[origin], pointed)
 
     sweep = rrb.Horizontal(
         rrb.Vertical(
@@ -122,7 +122,8 @@ def arrange(decorations: Mapping[str, Decorations], cells: Mapping[int, str], po
     )
 
 
-def _plane(origin: str, name: str, decorations: Decorations, pointed: bool) -> rrb.Spatial2DView:
+def plane_view(origin: str, name: str, decorations: Decorations, pointed: bool) -> rrb.Spatial2DView:
+    """Return the view of a map with its axes; with `pointed`, its cells are what the cursor chooses."""
     (left, right), (top, bottom) = decorations.bounds
     still = rrb.EntityBehavior(interactive=False)
     return rrb.Spatial2DView(

@@ -208,6 +208,25 @@ def terrain_decorations(plane: Plane) -> Decorations:
     return made
 
 
+def number_decorations(
+    plane: Plane, title: str, limits: tuple[float, float], none: Sequence[tuple[str, tuple[int, int, int]]] = ()
+) -> Decorations:
+    """Return the decorations of a picture of numbers: a bar from the last of two limits on top down to the first.
+
+    Parameters
+    ----------
+    limits
+        The numbers at the dark and at the bright end of viridis.
+    none
+        Names and colours of cells without a number.
+    """
+    made = surroundings(plane)
+    values = np.linspace(*limits, 41)
+    texts = [f"{value:.3g}" if index % 8 == 0 else "" for index, value in enumerate(values)]
+    _scale(made, viridis(np.linspace(1, 0, 41)), texts[::-1], title, none)
+    return made
+
+
 def legend(names: Sequence[str]) -> tuple[np.ndarray, list[Box]]:
     """Return the legend of the lines of the regimes: a stroke for each, (n, 2, 2), and the boxes of their names."""
     rows = -(-len(names) // len(LEGEND_COLUMNS))

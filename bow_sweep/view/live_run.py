@@ -14,9 +14,11 @@ import numpy as np
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.states import PlanState
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sweep.cell.waveform import CellError
 from bow_sweep.maps.plane import NOT_COMPUTED, Snapshot
 from bow_sweep.maps.playability import playability
 from bow_sweep.maps.terrain import terrain
+from bow_sweep.view.lost_waveforms import Found, computed_again, from_bag
 from bow_sweep.view.rerun_recording import RunRecording
 from bow_sweep.view.status_page import NodeStatus, is_complete, page, playability_page, with_block_states
 from bow_sweep.view.tests_over_time import finished_map
@@ -37,6 +39,9 @@ LAST_MAP_S, FIRST_MAP_S = 0.5, 3.0
 """Time to wait for a complete map after the plan has closed; they come on separate topics. It is longer where no map
 has come at all: the dashboard has just started, and DDS finds the topics of the coordinator one after the other."""
 
+BAG_S, NO_RECORDER_S = 50.0, 3.0
+"""Time to wait for the recorder to close the bag after the plan has closed, and where none was heard of."""
+
 IDENTITY = re.compile("[0-9a-f]{16}")
 """A run_id. It becomes the name of a directory, so nothing else is accepted."""
 
@@ -50,7 +55,9 @@ class LiveRun:
         Of the run; it is made if there is none.
     plan
         The fields of the Plan that opened the run.
-    port, server_memory
+    inspected
+        Cells whose waveforms are to be complete in the end, beside those that come.
+    uri
         As for :class:`~bow_sweep.view.rerun_recording.RunRecording`.
     warn
         Called with a line for people where something failed.
@@ -76,17 +83,19 @@ class LiveRun:
         self,
         directory: Path,
         plan: Mapping[str, Any],
-        port: int = 0,
-        server_memory: str = "256MiB",
+        inspected: Iterable[int] = (),
+        uri: str = "",
         warn: Callable[[str], object] = print,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._outline = SweepOutline.of(plan)
         directory.mkdir(parents=True, exist_ok=True)
         empty = with_block_states(Snapshot.empty(self._outline), self._outline, plan["block_states"])
-        self.recording = RunRecording(directory / FILE, empty, port, server_memory, warn)
+        self.recording = RunRecording(directory / FILE, empty, uri, warn, inspected)
         self.drawn = self.ignored = 0
-        self._plan, self._clock, self._opened, self._directory = plan, clock, clock(), directory
+        self._plan, self._clock, self._opened = plan, clock, clock()
+        self._directory, self._warn = directory, warn
+        self._recorder: bool | None = None  # whether it has closed the bag; None: not heard of
         self._closing: float | None = None
         self._next: Snapshot | None = None
         self._next_draw_at = self._status_at = 0.0
@@ -152,7 +161,24 @@ class LiveRun:
             return False
         latest = self._with_block_states(self._next or self.recording.snapshot)
         patience = LAST_MAP_S if self.drawn else FIRST_MAP_S
-        return is_complete(latest) or now - self._closing > patience
+        waited = now - self._closing
+        return (is_complete(latest) or waited > patience) and (self._has_bag() or waited > self._bag_patience())
+
+    def recorder(self, closed: bool) -> None:
+        """Take note that a recorder works for this run, and whether it has closed the bag or given up."""
+        self._recorder = closed
+
+    def _has_bag(self) -> bool:
+        """Return whether the waveforms can be completed, or are complete."""
+        return self._recorder is True or not self.recording.missing(self._samples)
+
+    def _bag_patience(self) -> float:
+        return BAG_S if self._recorder is False else NO_RECORDER_S
+
+    @property
+    def _samples(self) -> int:
+        """Of a waveform."""
+        return self._outline.chunks * self._outline.chunk_samples
 
     def _draw_if_due(self) -> None:
         began, cpu = self._clock(), time.process_time()
@@ -183,12 +209,43 @@ class LiveRun:
         self.recording.status(text)
 
     def finish(self, nodes: Iterable[NodeStatus]) -> None:
-        """Draw the last map and finish the file. A server goes on until :meth:`close`."""
+        """Draw the last map, complete the waveforms, and finish the file."""
         self._draw(self._next or self.recording.snapshot)
+        self._complete_waveforms()
         self._write_status(nodes, "finished" if self._plan["state"] == PlanState.CLOSED else "interrupted")
         self._terrain()
         self._tests()
         self.recording.finish()
+
+    def _complete_waveforms(self) -> None:
+        """Draw what did not reach this dashboard of the waveforms, as far as it can be had.
+
+        Of a run that goes on, only a closed bag is read. A gap that stays is drawn as one at the end of the run.
+        """
+        over = self._plan["state"] == PlanState.CLOSED
+        problems: list[str] = []
+        if (over or self._recorder) and (missing := self.recording.missing(self._samples)):
+            try:
+                self._take(from_bag(self._directory, self.run_id, missing, problems))
+            except (CellError, OSError) as error:
+                problems.append(str(error))
+        if over and (missing := self.recording.missing(self._samples)):
+            self._take(computed_again(self._plan, self._outline, missing))
+        if not over:
+            return
+        for cell, ranges in self.recording.missing(self._samples).items():
+            parts = ", ".join(f"{first} to {end - 1}" for first, end in ranges)
+            why = f": {problems[0]}" if problems else ""
+            self._warn(f"the waveform of cell {cell} lacks samples {parts}{why}; it cannot be computed again here")
+        self.recording.draw_rest()
+
+    def _take(self, found: Iterable[Found]) -> None:
+        for cell, first, force in found:
+            self.recording.waveform([cell], first, force[np.newaxis])
+
+    def close(self) -> None:
+        """Close the file of a run that goes on."""
+        self.recording.close()
 
     def _tests(self) -> None:
         """Draw every test, if the run is over."""
@@ -203,7 +260,3 @@ class LiveRun:
         if not np.isnan(lengths).all():
             text = playability_page(playability(lengths, shown.regime, shown.regime_names))
             self.recording.terrain(terrain(lengths), text)
-
-    def close(self) -> None:
-        """Close file and server."""
-        self.recording.close()

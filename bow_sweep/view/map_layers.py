@@ -1,8 +1,7 @@
 """What a recording shows of a map: its axes, the names and colours of its codes, its pictures, its cells, its counts.
 
-The caller sets the time before each call. Names and colours of codes (an ``AnnotationContext``) are logged once in the
-life of a recording, before the first picture: a connected viewer that receives one a second time paints all codes in
-colours of its own.
+The caller sets the time before each call. Names and colours of codes (an ``AnnotationContext``) are logged once by a
+dashboard, before its first picture.
 
 Pictures are colours, not codes: of an image of codes the viewer shows wrong colours when its largest code changes. And
 of any image it says only the position of a pixel. So each picture has a second entity, its cells: a short thick line
@@ -12,7 +11,7 @@ cell, and the viewer shows its parameters and the meaning of its code. It does s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -98,16 +97,25 @@ class MapLayers:
         self._paint = {place: _palette(known) for place, known in meanings.items()}
         self._name_lines()
         for place, decorations in self.decorations.items():
-            self._draw(f"{place}/axes", decorations)
+            draw(self._log, f"{place}/axes", decorations)
         self._place_cells()
 
     def _name_codes(self, meanings: Mapping[str, Sequence[Meaning]]) -> None:
-        """Log names and colours of the codes of every picture.
+        """Log names and colours of the codes of every picture: as static data, and at the start of all timelines.
 
-        As static data: others are not loaded with a file, which the viewer reads only where a view asks.
+        Rerun 0.41 needs both. A viewer that receives static ones a second time, from a dashboard that was started
+        again, does not use them any more; a viewer that opens a file does not use those of a timeline. Where it uses
+        none, it paints all codes in colours of its own.
         """
+        self._record.reset_time()
+        self._record.set_time("sweep", duration=0.0)
+        for name in SEQUENCES:
+            self._record.set_time(name, sequence=0)
         for place, known in meanings.items():
-            self._log(place, _context(known), static=True)
+            names = context(known)
+            self._log(place, names, static=True)
+            self._log(place, names)
+        self._record.reset_time()
 
     def _name_lines(self) -> None:
         """Log names and colours of the lines that are drawn over time, and their legend."""
@@ -120,15 +128,6 @@ class MapLayers:
         self._log("legend/colours", rr.LineStrips2D(strokes, colors=colours, radii=LEGEND_STROKE / 2), static=True)
         places = [((left + right) / 2, top) for left, top, right, _ in boxes]
         self._log("legend/names", texts(places, labels), static=True)
-
-    def _draw(self, place: str, decorations: Decorations) -> None:
-        log = self._log
-        log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
-        log(f"{place}/labels", texts(decorations.places, decorations.labels), static=True)
-        if decorations.bar is not None:
-            where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=PIXEL)
-            picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
-            log(f"{place}/scale", where, picture, static=True)
 
     def _place_cells(self) -> None:
         """Log the size of the pictures, and the places and names of the cells."""
@@ -236,7 +235,7 @@ def _palette(meanings: Sequence[Meaning]) -> np.ndarray:
     return table
 
 
-def _context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:
+def context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:
     """Return names and colours as rerun wants them: as Arrow, fifty times quicker than from its own classes."""
     known = [
         {
@@ -250,6 +249,16 @@ def _context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:
         for code, label, colour in meanings
     ]
     return rr.AnnotationContext(pa.array([known], rr.components.AnnotationContextBatch._ARROW_DATATYPE))
+
+
+def draw(log: Callable[..., object], place: str, decorations: Decorations) -> None:
+    """Log the axes and the scale of a picture, with a recording's `log`."""
+    log(f"{place}/lines", rr.LineStrips2D(decorations.lines, colors=LINE_COLOUR, radii=THIN), static=True)
+    log(f"{place}/labels", texts(decorations.places, decorations.labels), static=True)
+    if decorations.bar is not None:
+        where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=PIXEL)
+        picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
+        log(f"{place}/scale", where, picture, static=True)
 
 
 def texts(places: Sequence[tuple[float, float]], words: Sequence[str]) -> rr.Points2D:

@@ -20,7 +20,7 @@ from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.view.status_page import NodeStatus
-from bow_sweep.view.viewer import Viewer
+from bow_sweep.view.viewer import Screen, port_of
 from bow_sweep.view.wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
 
 if TYPE_CHECKING:
@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 
 HELP = """
 usage: ros2 run bow dashboard [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
-                              [-p view:=true] [-p port:=9876] [-p server_memory:=256MiB]
+                              [-p view:=true] [-p port:=9876] [-p server_memory:=256MiB] [-p connect:=ADDRESS]
 
 Shows the sweep on the graph of its namespace (default /bow) in rerun: the growing basin map, the three tests, regimes,
 progress, waveforms of inspected cells, accounts. Writes <runs_dir>/<run_id>/dashboard.rrd, or <run_dir>/dashboard.rrd;
 `rerun dashboard.rrd` opens it. With a port, `rerun --connect rerun+http://127.0.0.1:PORT/proxy` watches it grow, and
-gets all that came before; view:=true opens a viewer here.
+gets all that came before; view:=true opens a viewer here; connect:=rerun+http://127.0.0.1:PORT/proxy sends it to a
+viewer that is open already.
 """
 
 TICK_S = 0.1
@@ -44,6 +45,9 @@ EXIT_S = 3
 
 INSPECT_DEPTH = 500
 """The chunks of a block arrive in a burst; with this history depth they are kept, though `inspect` is best effort."""
+
+BAG_IS_READY = (Health.CLOSED, Health.FAILED)
+"""States of a recorder that writes its bag no more."""
 
 MEMORY = re.compile(r"\d+(\.\d+)?\s?([kMGT]i?)?B|\d+(\.\d+)?%")
 
@@ -64,12 +68,19 @@ class DashboardNode(BowNode):
         self._memory = self.read_parameter("server_memory", "256MiB", memory)
         if not MEMORY.fullmatch(self._memory):
             raise StartupError(f"parameter server_memory = {self._memory!r}: should be like 256MiB, 1GB or 10%")
+        self._uri = self.read_parameter(
+            "connect", "", "send the recording to the viewer or server at this address, too"
+        )
+        if self._uri and not port_of(self._uri):
+            raise StartupError(f"parameter connect = {self._uri!r}: should be like rerun+http://127.0.0.1:9876/proxy")
+        inspected = self.read_parameter("inspect", [0], "cells whose waveforms are complete in the recording of a run")
+        self._inspected: list[int] = list(inspected or ())
         self._live: LiveRun | None = None
-        self._past: LiveRun | None = None  # finished, but still served
+        self._recorders: dict[str, bool] = {}  # run -> whether the recorder has closed its bag
         self._over: tuple[str, int] = ("", -1)
         self._early: dict[str, Any] | None = None  # a map that came before its plan
-        self._viewer: Viewer | None = None
-        self._notes: list[str] = []
+        self._screen = self._open_screen()
+        self._notes = self._screen.notes
         self._nodes: dict[str, NodeStatus] = {}
         patient = QoSProfile(depth=INSPECT_DEPTH, reliability=INSPECT.reliability)
         self.subscribe_plan(self._on_plan)
@@ -125,25 +136,13 @@ class DashboardNode(BowNode):
         if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
             self.ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
             return
-        self._stop_past_server()
-        notes = []
-        port = self._port or (free_port() if self._view else 0)
-        if port and (problem := port_problem(port)):
-            notes.append(f"run {run} is not shown live: port {port} {problem}")
-            port = 0
         try:
-            self._live = LiveRun(directory, plan, port, self._memory, self.get_logger().warning)
+            self._live = LiveRun(directory, plan, self._inspected, self._uri, self.get_logger().warning)
         except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
-        if port:
-            notes.append(f"watch the map grow with: rerun --connect {self._live.recording.uri}")
-        if port and self._view:
-            notes += self._open_viewer(self._live.recording.uri)
-        for note in notes:
-            self.get_logger().info(note)
-        self._notes = notes
         self._become_busy()
+        self._tell_of_recorder()
         early, self._early = self._early, None
         if early is not None and early["run_id"] == run:
             self._on_map(early)
@@ -153,24 +152,28 @@ class DashboardNode(BowNode):
         assert self._live is not None
         self.set_state(Health.BUSY, NOTE.join([f"writes {self._live.recording.path}", *self._notes]), self._live.run_id)
 
-    def _open_viewer(self, uri: str) -> list[str]:
-        """Start a viewer; return notes for the user."""
-        if not has_display():
-            return [f"{NO_DISPLAY}; where there is one: rerun --connect {uri}"]
-        try:
-            self._viewer = Viewer(uri)
-        except OSError as error:
-            return [f"no viewer: {error}"]
-        return []
+    def _open_screen(self) -> Screen:
+        """Open the viewer or the server that the parameters ask for, before any run: they show it from its start."""
+        window, port, notes = self._view, self._port, []
+        if port and (problem := port_problem(port)):
+            notes.append(f"the map is not shown live: port {port} {problem}")
+            window, port = False, 0
+        elif window and not has_display():
+            notes.append(f"{NO_DISPLAY}; the map is served instead")
+            window, port = False, port or free_port()
+        screen = Screen.open(window, port, self._memory)
+        screen.notes[:0] = notes
+        for note in screen.notes:
+            self.get_logger().info(note)
+        self._uri = screen.uri or self._uri
+        return screen
 
-    def _check_viewer(self) -> None:
-        if self._viewer is None or self._live is None or (problem := self._viewer.ended()) is None:
-            return
-        self._viewer = None
-        if problem:
+    def _check_screen(self) -> None:
+        if problem := self._screen.problem():
             self.get_logger().warning(problem)
             self._notes.append(problem)
-            self._become_busy()
+            if self._live is not None:
+                self._become_busy()
 
     def _finish(self, why: str) -> None:
         """Finish the file and publish that."""
@@ -182,7 +185,7 @@ class DashboardNode(BowNode):
         except Exception as error:  # as in _open
             self._fail(f"{live.recording.path}: {error}", live.run_id)
             return
-        self._past, self._over = live, (live.run_id, live.epoch)
+        self._over = (live.run_id, live.epoch)
         self.health.ignored += live.ignored
         self.set_state(Health.CLOSED, f"{live.recording.path} is finished: {why}", live.run_id)
 
@@ -190,12 +193,6 @@ class DashboardNode(BowNode):
         self._live = None
         self.get_logger().error(f"nothing more is shown: {what}")
         self.set_state(Health.FAILED, what, run)
-
-    def _stop_past_server(self) -> None:
-        """Stop the server of the run before."""
-        if self._past is not None:
-            self._past.close()
-            self._past = None
 
     # ---- what is displayed
 
@@ -209,7 +206,10 @@ class DashboardNode(BowNode):
         self._guarded(lambda live: live.inspect(values))
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Store the state of a node for the status page."""
+        """Store the state of a node for the status page; take note of the recorder."""
+        if message.role == "recorder" and message.run_id:
+            self._recorders = {message.run_id: message.state in BAG_IS_READY}
+            self._tell_of_recorder()
         self._nodes[message.node] = NodeStatus(
             message.node,
             message.role,
@@ -222,8 +222,12 @@ class DashboardNode(BowNode):
             time.monotonic(),
         )
 
+    def _tell_of_recorder(self) -> None:
+        if self._live is not None and (closed := self._recorders.get(self._live.run_id)) is not None:
+            self._live.recorder(closed)
+
     def _tick(self) -> None:
-        self._check_viewer()
+        self._check_screen()
         if self._guarded(lambda live: live.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
@@ -241,7 +245,7 @@ class DashboardNode(BowNode):
     def close(self) -> None:
         """Finish the file as it is; a dashboard that is started later continues it."""
         self._finish("the dashboard was told to stop")
-        self._stop_past_server()
+        self._screen.close(self.get_logger().info)
 
 
 def main() -> int:

@@ -7,9 +7,10 @@ the active timeline; so waveforms are on `sweep` too, in seconds since the start
 
 from __future__ import annotations
 
+import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,17 +26,28 @@ from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.blueprint import NO_CELLS, arrange, send
 from bow_sweep.view.map_layers import ABOVE, CONTEXT, SEQUENCES, THIN, MapLayers, texts
+from bow_sweep.view.pieces import Piece, Pieces
 from bow_sweep.view.scope import Scope, name_of, trace_name
 from bow_sweep.view.tests_over_time import at_each_test, confidence_words
+from bow_sweep.view.viewer import answers
 
 APPLICATION = "bow"
+
+ANSWER_S, TAKE_IN_S, DELIVER_S = 3.0, 1.0, 5.0
+"""Time that a viewer has to listen at first, to take in what was drawn since the last flush, and what is drawn last."""
+
+VIEWER_GONE, TOO_SLOW = "gRPC", "timed out"
+"""Parts of the texts of rerun's errors."""
+
+VALUES = "Scalars:scalars"
+"""Column of the values of a waveform in a recording."""
 
 RATE_WINDOW_S = 2.0
 """Cells per second are averaged over this time."""
 
 
 class RunRecording:
-    """A recording that is being written: its file, and a server for viewers if wanted.
+    """A recording that is being written: its file, and the viewer or server that it is sent to, if there is one.
 
     An earlier recording of the same run is continued: its contents are copied into the new file first, which then
     replaces it, so that the file at `path` never becomes shorter. The file of another run is renamed with a number.
@@ -46,44 +58,47 @@ class RunRecording:
         Of the ``.rrd`` file.
     snapshot
         The map as planned; its `run_id` becomes the identity of the recording.
-    port
-        Of a gRPC server on 127.0.0.1; 0 = no server.
-    server_memory
-        Largest memory of the server for viewers that connect late, such as "256MiB".
+    uri
+        Address of a viewer or server that shows the recording live; "" for none. The file does not depend on it.
     warn
         Called with a line for people where something failed.
+    inspected
+        Cells whose waveforms will come: they have their views from the beginning.
 
     Attributes
     ----------
     snapshot
         The latest map.
-    uri
-        Address that viewers connect to; "" without a server.
     """
 
     def __init__(
         self,
         path: Path,
         snapshot: Snapshot,
-        port: int = 0,
-        server_memory: str = "256MiB",
+        uri: str = "",
         warn: Callable[[str], object] = warnings.warn,
+        inspected: Iterable[int] = (),
     ) -> None:
         rr.set_strict_mode(True)
-        self.path, self.snapshot, self.uri = path, snapshot, ""
-        self.scope = Scope()
+        self.path, self.snapshot = path, snapshot
+        self.scope, self._pieces = Scope(), Pieces()
+        for cell in inspected:
+            if cell < snapshot.regime.size:
+                self.scope.admit(cell)
+        self._arranged: list[int] = []
         self._warn, self._began = warn, time.time()
         self._history: list[tuple[float, int]] = []
         self._marked: set[int] = set()
-        self._chunks: dict[int, list[tuple[int, np.ndarray]]] = {}
         rr.bindings.flush_and_cleanup_orphaned_recordings()  # rerun keeps data of deleted recordings until now
         self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
         aside = path.with_name(f".{path.name}.part")
         sinks: list[Any] = [rr.FileSink(aside)]
-        if port:
-            server = rr.GrpcServerSink(bind_ip="127.0.0.1", port=port, server_memory_limit=server_memory)
-            self.uri = server.uri
-            sinks.append(server)
+        self._is_lost = False
+        self._is_shown = bool(uri) and answers(uri, ANSWER_S)
+        if self._is_shown:
+            sinks.append(rr.GrpcSink(uri))  # after the file: sinks are flushed and closed in this order
+        elif uri:
+            warn(f"the map is not shown live: nothing listens at {uri}")
         self._record.set_sinks(*sinks)
         self._layers = MapLayers(self._record, snapshot)
         self._arrange()
@@ -92,7 +107,7 @@ class RunRecording:
         self._now(among_samples=True)
         self._layers.say()
         self.map(snapshot)
-        self._record.flush()
+        self._flush()
         aside.replace(path)  # the sink has the file open and goes on writing
 
     def _continue_file(self) -> None:
@@ -116,11 +131,20 @@ class RunRecording:
         """Take from an earlier chunk when the recording began, and which cells were inspected."""
         head, _, name = str(chunk.entity_path).strip("/").rpartition("/")
         batch = chunk.to_record_batch()
-        if head == "waveform" and "sample" in batch.schema.names:
-            self.scope.recall(name, max(batch.column("sample").cast("int64").to_pylist()) + 1)
+        if head == "waveform" and VALUES in batch.schema.names and "sample" in batch.schema.names:
+            self._recall(name, batch)
         if {"sweep", "log_time"} <= set(batch.schema.names) and batch.num_rows:
             elapsed, logged = (batch.column(name).cast("int64")[0].as_py() for name in ("sweep", "log_time"))
             self._began = min(self._began, (logged - elapsed) / 1e9)
+
+    def _recall(self, name: str, batch: Any) -> None:
+        """Take note of the samples of a cell that are recorded; NaN stands for a gap."""
+        cell = self.scope.recall(name)
+        if cell is None:
+            return
+        values = np.array([value[0] if value else np.nan for value in batch.column(VALUES).to_pylist()], float)
+        samples = np.array(batch.column("sample").cast("int64").to_pylist(), np.int64)
+        self._pieces.recall(cell, samples[np.isfinite(values)])
 
     def _now(self, *, among_samples: bool = False) -> None:
         """Set the time of what is logged next; maps are also at sample 0 and test 0: those timelines show them too."""
@@ -146,6 +170,7 @@ class RunRecording:
         return (after - before) / (last - first) if last > first else 0.0
 
     def _arrange(self) -> None:
+        self._arranged = list(self.scope.cells)
         send(self._blueprint(), APPLICATION, self._record)
 
     def _blueprint(self) -> rrb.Blueprint:
@@ -163,21 +188,32 @@ class RunRecording:
             (cells, samples) bridge force.
         """
         for cell, force in zip(cells, data, strict=True):
-            if self.scope.admit(cell) and self.scope.is_new(cell, first_sample):
-                self._chunks.setdefault(cell, []).append((first_sample, np.array(force, np.float64)))
+            if self.scope.admit(cell):
+                self._pieces.take(cell, first_sample, np.array(force, np.float64))
+
+    def missing(self, samples: int) -> dict[int, list[tuple[int, int]]]:
+        """Return the ranges (first, end) that did not come of waveforms of `samples`, by cell."""
+        found = {cell: self._pieces.missing(cell, samples) for cell in self.scope.cells}
+        return {cell: ranges for cell, ranges in found.items() if ranges}
 
     def draw_waveforms(self) -> None:
-        """Log the chunks since the last call, those of a cell together: the chunks of a block come in a burst."""
-        chunks, self._chunks = self._chunks, {}
-        new = [cell for cell in chunks if cell not in self._marked]
-        for cell, pieces in chunks.items():
+        """Log the pieces that can be drawn, those of a cell together: the chunks of a block come in a burst."""
+        self._draw({cell: [(piece, False) for piece in pieces] for cell, pieces in self._pieces.ready().items()})
+
+    def draw_rest(self) -> None:
+        """Log all pieces; where samples before one are missing, NaN makes a gap."""
+        self.draw_waveforms()
+        self._draw(self._pieces.rest())
+
+    def _draw(self, found: dict[int, list[tuple[Piece, bool]]]) -> None:
+        for cell, pieces in found.items():
             self._log_trace(cell, pieces)
-        if new:
+        if self.scope.cells != self._arranged:  # a new layout brings a viewer back to its first tab
             self._arrange()
 
-    def _log_trace(self, cell: int, pieces: list[tuple[int, np.ndarray]]) -> None:
+    def _log_trace(self, cell: int, pieces: list[tuple[Piece, bool]]) -> None:
         log, path = self._record.log, f"waveform/{trace_name(cell)}"
-        trace = self.scope.trace(self.snapshot, cell, pieces[-1][1])
+        trace = self.scope.trace(self.snapshot, cell, pieces[-1][0].force)
         if cell not in self._marked:
             self._marked.add(cell)
             self._now(among_samples=True)
@@ -188,12 +224,12 @@ class RunRecording:
             log(f"map/inspected/{trace.name}/number", texts([trace.place], [str(trace.number)]))
             log(f"scope/{trace.name}/caption", texts([trace.corner], [trace.caption]))
         samples, values = [], []
-        for first, force in pieces:
-            if not self.scope.continues(cell, first, len(force)):  # NaN makes a gap where samples are missing
-                samples.append(np.array([first - 1]))
+        for piece, after_gap in pieces:
+            if after_gap:
+                samples.append(np.array([piece.first - 1]))
                 values.append(np.array([np.nan]))
-            samples.append(np.arange(first, first + len(force)))
-            values.append(force)
+            samples.append(np.arange(piece.first, piece.end))
+            values.append(piece.force)
         self._record.send_columns(
             path,
             indexes=self._times(np.concatenate(samples)),
@@ -230,29 +266,47 @@ class RunRecording:
     def flush(self) -> None:
         """Write everything into the file: after a kill it can be read up to here."""
         self.draw_waveforms()
-        self._record.flush()
+        self._flush()
+
+    def _flush(self) -> None:
+        if not self._is_shown:
+            self._record.flush()
+            return
+        try:
+            self._record.flush(timeout_sec=TAKE_IN_S)
+        except RuntimeError as error:
+            if VIEWER_GONE in str(error):
+                self._lose_viewer()
+            elif TOO_SLOW not in str(error):
+                raise
+
+    def _lose_viewer(self) -> None:
+        """Go on with the file alone. The viewer was closed, or has failed."""
+        if not self._is_lost:
+            self._is_lost = True
+            self._warn(f"the viewer is gone; {self.path.name} is written on")
 
     def finish(self) -> None:
-        """Finish the file with its footer, which makes it quick to open; a server goes on."""
-        self.flush()
-        if not self.uri:
-            self._record.disconnect()
-            return
-        # rerun writes the footer when a recording closes all its sinks, and the server is one: finish a copy instead.
-        aside = self.path.with_name(f".{self.path.name}.part")
-        copy = rr.RecordingStream(APPLICATION, recording_id=self.snapshot.run_id)
-        copy.set_sinks(rr.FileSink(aside))
-        with _no_footer_expected():
-            copy.send_chunks(RrdReader(self.path).stream())
-        send(self._blueprint(), APPLICATION, copy)
-        copy.flush()
-        copy.disconnect()
-        aside.replace(self.path)
+        """Finish the file with its footer, which makes it quick to open. What has shown it keeps the picture."""
+        self.draw_waveforms()
+        self._flush()
+        self._disconnect()
 
     def close(self) -> None:
-        """Close file and server; an unfinished file gets its footer."""
-        self._record.flush()
-        self._record.disconnect()
+        """Close a file that may be finished or not; it gets its footer."""
+        self._flush()
+        self._disconnect()
+
+    def _disconnect(self) -> None:
+        """Close the file, and return when the viewer has everything, or takes too long."""
+        if not self._is_shown:
+            self._record.disconnect()
+            return
+        leaving = threading.Thread(target=self._record.disconnect, daemon=True)
+        leaving.start()
+        leaving.join(DELIVER_S)
+        if leaving.is_alive():
+            self._warn(f"the viewer does not take in what was drawn last; all of it is in {self.path.name}")
 
 
 @contextmanager

@@ -76,8 +76,6 @@ class Scope:
         self.cells: list[int] = []
         self._chosen: set[int] = set()
         self.left_out: set[int] = set()
-        self._seen: set[tuple[int, int]] = set()
-        self._ends: set[tuple[int, int]] = set()
 
     def admit(self, cell: int) -> bool:
         """Return whether a cell has a row; gives it one if there is a free one."""
@@ -96,31 +94,16 @@ class Scope:
             self._chosen.add(cell)
             self.left_out.discard(cell)
 
-    def recall(self, name: str, end: int) -> None:
-        """Give a row to a cell of an earlier recording.
+    def recall(self, name: str) -> int | None:
+        """Give a row to a cell of an earlier recording; return the cell, or None where there is no row for it.
 
         Parameters
         ----------
         name
             Name of its trace.
-        end
-            Its samples are recorded up to this one.
         """
         number = name.removeprefix("cell_")
-        if number.isdecimal() and self.admit(int(number)):
-            self._ends.add((int(number), end))
-
-    def is_new(self, cell: int, first_sample: int) -> bool:
-        """Return whether this chunk comes for the first time; another attempt at the block gives the same samples."""
-        key = (cell, first_sample)
-        new = key not in self._seen
-        self._seen.add(key)
-        return new
-
-    def continues(self, cell: int, first_sample: int, samples: int) -> bool:
-        """Return whether the chunk before this one came too; chunks can be lost, because inspection is best effort."""
-        self._ends.add((cell, first_sample + samples))
-        return first_sample == 0 or (cell, first_sample) in self._ends
+        return int(number) if number.isdecimal() and self.admit(int(number)) else None
 
     def trace(self, plane: Plane, cell: int, force: np.ndarray) -> Trace:
         """Return the curve of a chunk of a cell that has a row.

@@ -33,13 +33,19 @@ class Wanted:
 
     Attributes
     ----------
-    parameters
-        ROS parameters of the dashboard node; None = no dashboard.
+    dashboard
+        Whether there is one.
+    window
+        Whether a viewer is opened here.
+    port
+        Of 127.0.0.1, where viewers are served; 0 = they are not.
     notes
         Lines for the user before the sweep starts.
     """
 
-    parameters: dict[str, object] | None
+    dashboard: bool
+    window: bool = False
+    port: int = 0
     notes: tuple[str, ...] = ()
 
 
@@ -56,13 +62,15 @@ def wanted(view: bool, port: str, without: bool, environment: Mapping[str, str] 
         if view or number:
             asked = "--view" if view else f"--port {number}"
             raise WantedError(f"{asked} needs the dashboard that --no-dashboard leaves out; give one of them")
-        return Wanted(None)
+        return Wanted(False)
     if number and (problem := port_problem(number)):
         raise WantedError(f"--port {number}: {problem}")
     if not _is_installed("rerun"):
-        return Wanted(None, (NO_RERUN,))
-    unseen = f"--view: {NO_DISPLAY} (DISPLAY and WAYLAND_DISPLAY are empty); the map is served instead"
-    return Wanted({"view": view, "port": number}, (unseen,) if view and not has_display(environment) else ())
+        return Wanted(False, notes=(NO_RERUN,))
+    if view and not has_display(environment):
+        unseen = f"--view: {NO_DISPLAY} (DISPLAY and WAYLAND_DISPLAY are empty); the map is served instead"
+        return Wanted(True, port=number or free_port(), notes=(unseen,))
+    return Wanted(True, window=view, port=number)
 
 
 def _is_installed(package: str) -> bool:

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
 import pytest
 from graph import PATIENCE_S, SMALL, sweeping
+from live_viewer import HeadlessViewer, headless_stand_in, needs_vulkan, ports_of, run_of
 from sockets import Socket, family, sockets_of, sockets_seen
 
 from bow_sim.graph import discovery
+from bow_sweep.view.viewer import uri_of
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -26,7 +24,7 @@ ROLES = ("coordinator", "recorder", "classifier", "simulator", "dashboard")
 STUB = """#!{python}
 import socket, sys, time
 from pathlib import Path
-words = dict(zip(sys.argv[1::2], sys.argv[2::2]))
+words = dict(zip(sys.argv, sys.argv[1:]))
 server = socket.create_server((words.get("--bind", "0.0.0.0"), int(words["--port"])))  # as rerun's own
 end = time.monotonic() + 60
 while time.monotonic() < end and not Path({over!r}).exists():
@@ -60,7 +58,7 @@ def seen_in_a_sweep(run: Path, *more: str) -> set[Socket]:
 def test_a_sweep_that_serves_its_dashboard_listens_on_the_loopback_alone(tmp_path: Path) -> None:
     seen = seen_in_a_sweep(tmp_path / "run", "--port", str(free_port()))
     assert_only_loopback(seen)
-    assert any(one.kind == "TCP" and "dashboard" in one.process for one in seen), "it is served"
+    assert any(one.kind == "TCP" and "--serve-grpc" in one.process for one in seen), "it is served"
     for role in ("coordinator", "recorder", "classifier", "simulator"):
         assert any(f"__node:={role}" in one.process for one in seen if one.kind == "UDP"), "all were looked at"
 
@@ -79,36 +77,31 @@ def test_the_viewer_is_told_to_listen_there_too(tmp_path: Path, monkeypatch: pyt
     assert any(one.kind == "TCP" and str(stub) in one.process for one in seen)
 
 
-@pytest.fixture
-def screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A display without a screen."""
-    if not shutil.which("Xvfb") or not list(Path("/usr/share/vulkan/icd.d").glob("*.json")):
-        pytest.skip("needs Debian's xvfb and mesa-vulkan-drivers")
-    read, write = os.pipe()
-    words = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(words, pass_fds=[write], stderr=subprocess.DEVNULL)
-    os.close(write)
-    with os.fdopen(read) as display:
-        monkeypatch.setenv("DISPLAY", f":{display.readline().strip()}")
-    yield
-    server.terminate()
-    server.wait()
-
-
 @pytest.mark.full
-def test_reruns_own_viewer_does_so(tmp_path: Path, screen: None) -> None:
+def test_reruns_own_viewer_does_so_and_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    needs_vulkan()
+    monkeypatch.setenv("RERUN_CLI_PATH", str(headless_stand_in(tmp_path / "viewer")))
+    monkeypatch.setenv("DISPLAY", ":77")  # no window is opened
     run = tmp_path / "run"
     viewers: list[psutil.Process] = []
-    with sweeping(run, *SMALL, "--periods", "2000", "--view", "--out", str(run)) as sweep:
-        with sockets_seen(lambda: sweep.process.pid) as seen:
-            sweep.wait_until(lambda: any("rerun_cli/rerun" in one.process for one in seen if one.kind == "TCP"))
-            viewers = [one for one in family(sweep.process.pid) if "rerun_cli" in " ".join(one.cmdline())]
-            sweep.process.send_signal(signal.SIGINT)
-            assert sweep.wait() == 130, sweep.text
-        assert all(viewer.is_running() for viewer in viewers), "it stays, with what it has received"
-        for viewer in reversed(viewers):
+    try:
+        with (
+            sweeping(run, *SMALL, "--view", "--out", str(run)) as sweep,
+            sockets_seen(lambda: sweep.process.pid) as seen,
+        ):
+            sweep.wait_until(lambda: any("--headless" in one.process for one in seen if one.kind == "TCP"))
+            viewers += [one for one in family(sweep.process.pid) if "--headless" in one.cmdline()]
+            assert sweep.wait() == 0, sweep.text
+        assert len(viewers) == 1
+        assert viewers[0].is_running(), "it stays, with what it has received"
+        assert_only_loopback(seen | sockets_of(viewers[0]))
+        for role in ROLES:
+            assert any(f"__node:={role}" in one.process for one in seen), "all were looked at"
+        (recording,) = HeadlessViewer(uri_of(ports_of([viewers[0].pid])[0])).client.get_state().recordings
+        assert run_of(run) in recording.store_id
+    finally:
+        for viewer in viewers:
             viewer.kill()
-    assert_only_loopback(seen)
 
 
 def test_nodes_by_hand_are_reached_by_this_machine_alone(tmp_path: Path) -> None:

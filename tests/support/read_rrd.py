@@ -47,7 +47,7 @@ def image(path: Path, entity: str, kind: str, dtype: str, row: int = -1) -> np.n
 
 def names_of(path: Path, place: str) -> dict[int, str]:
     """What the codes of a picture of a map mean."""
-    ((_, (meanings,)),) = rows(path, place, "AnnotationContext:context")
+    _, (meanings,) = rows(path, place, "AnnotationContext:context")[-1]  # as static data and on the timelines, the same
     return {entry["class_id"]: entry["class_description"]["info"]["label"] for entry in meanings}
 
 

@@ -32,7 +32,8 @@ bow_sweep.record: bow_sim.atomic_files bow_sim.physics bow_sim.protocol bow_sim.
 bow_sweep.figures: bow_sim.physics bow_sim.protocol bow_sim.figures bow_sweep.maps
 bow_sweep.cell: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures bow_sim
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.figures
-bow_sweep.view: bow_sim.physics bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.figures bow_sweep.cell
+bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.figures
+    bow_sweep.cell
 bow_sweep.explore: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sweep.maps
     bow_sweep.figures bow_sweep.cell
 bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim bow_classifier.verdict

@@ -1,8 +1,6 @@
 """The recording: what is in the file, also after the process that wrote it was killed."""
 
-import os
 import signal
-import socket
 import subprocess
 import sys
 import textwrap
@@ -173,13 +171,38 @@ def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
         assert f"map/inspected/cell_{cell}/frame" in entities(path)
 
 
-def test_a_lost_chunk_is_a_gap_and_not_a_line(path):
+def waveform(path: Path, cell: int) -> dict[int, float]:
+    """The recorded samples of a cell, none of them twice."""
+    found = [
+        (when["sample"], value[0]) for when, value in rows(path, f"waveform/cell_{cell}", "Scalars:scalars") if when
+    ]
+    assert len(dict(found)) == len(found)
+    return dict(found)
+
+
+def test_what_comes_after_a_lost_chunk_waits_for_it(path):
+    shown = recording(path)
+    shown.map(snapshot())
+    sent = {chunk: show_waveform(shown, [3], chunk)[0] for chunk in (1, 3)}
+    shown.flush()
+    assert sorted(waveform(path, 3)) == [*range(695, 2 * 695)]  # no line is drawn across the gap
+    assert shown.missing(4 * 695) == {3: [(0, 695), (2 * 695, 3 * 695)]}
+    sent |= {chunk: show_waveform(shown, [3], chunk)[0] for chunk in (0, 2)}
+    assert shown.missing(4 * 695) == {}
+    shown.draw_rest()
+    shown.finish()
+    whole = waveform(path, 3)
+    np.testing.assert_array_equal([whole[sample] for sample in range(4 * 695)], np.hstack([sent[n] for n in range(4)]))
+
+
+def test_a_chunk_that_stays_lost_is_a_gap_and_not_a_line(path):
     shown = recording(path)
     shown.map(snapshot())
     for chunk in (0, 2):
         show_waveform(shown, [3], chunk)
+    shown.draw_rest()
     shown.finish()
-    values = {when["sample"]: v[0] for when, v in rows(path, "waveform/cell_3", "Scalars:scalars") if when}
+    values = waveform(path, 3)
     assert np.isnan(values[2 * 695 - 1])
     assert len(values) == 2 * 695 + 1
 
@@ -204,7 +227,7 @@ def contexts(path: Path) -> dict[str, list]:
     return {place: [what[0] for _, what in entries] for place, entries in found.items()}
 
 
-def test_names_and_colours_of_codes_are_logged_once_and_complete_before_any_map(path):
+def test_names_and_colours_of_codes_are_there_for_files_and_for_viewers_complete_before_any_map(path):
     shown = recording(path)
     shown.flush()
     before = contexts(path)
@@ -215,7 +238,13 @@ def test_names_and_colours_of_codes_are_logged_once_and_complete_before_any_map(
     shown.map(snapshot())
     shown.finish()
     assert contexts(path) == before
-    assert {place: len(found) for place, found in before.items()} == dict.fromkeys(before, 1)
+    for place, found in before.items():
+        assert found[0] == found[1], "as static data and on the timelines"
+        times = [when for when, _ in rows(path, place, "AnnotationContext:context")]
+        assert [{name: when[name] for name in when if name != "log_time"} for when in times] == [
+            {},
+            {"sweep": 0, "sample": 0, "test": 0},
+        ]
     known = {name.partition(",")[0] for name in names_of(path, "regime").values()}
     assert {regime_label(name) for name in REGIMES} | {"pending"} <= known
 
@@ -302,62 +331,6 @@ def test_a_damaged_recording_is_kept_and_complained_about(path, damage):
     if damage == "rubbish":
         assert "dashboard-1.rrd" in complaints[0]
         assert (path.parent / "dashboard-1.rrd").read_bytes() == b"no recording"
-
-
-def test_viewers_that_come_late_get_everything_and_the_file_is_finished_meanwhile(path, tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    shown = recording(path, port=port)
-    assert shown.uri == f"rerun+http://127.0.0.1:{port}/proxy"
-    shown.map(snapshot(computed=12))
-    shown.map(snapshot())
-    shown.status("the end")
-    shown.finish()
-    assert verify(path) == ""
-    got = tmp_path / "got.rrd"
-    viewer = subprocess.Popen(
-        [sys.executable, "-m", "rerun", "--connect", shown.uri, "--save", str(got)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # the viewer is a child of this process
-    )
-    try:
-        deadline = 20.0
-        while deadline > 0 and not (got.exists() and _holds(got, "account")):
-            try:
-                viewer.wait(0.5)
-            except subprocess.TimeoutExpired:
-                deadline -= 0.5
-    finally:
-        os.killpg(viewer.pid, signal.SIGTERM)
-        viewer.wait()
-        shown.close()
-    assert [value for _, value in rows(got, "account", "TextDocument:text")] == [["the end"]]
-    assert len(rows(got, "map/picture", "Image:buffer")) == 3
-    assert verify(path) == ""
-
-
-def _holds(path: Path, entity: str) -> bool:
-    try:
-        return entity in entities(path)
-    except Exception:
-        return False
-
-
-def test_the_server_listens_on_this_machine_only(path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    shown = recording(path, port=port)
-    try:
-        listening = subprocess.run(["ss", "-tlnH"], capture_output=True, text=True, check=False).stdout
-        if not listening:
-            pytest.skip("needs `ss` of Debian's iproute2")
-        addresses = [line.split()[3] for line in listening.splitlines() if line.split()[3].endswith(f":{port}")]
-        assert addresses == [f"127.0.0.1:{port}"]
-    finally:
-        shown.close()
 
 
 def test_a_directory_that_cannot_be_written_is_an_error(tmp_path):

@@ -34,7 +34,7 @@ def test_a_port_that_is_taken_is_refused(address: str) -> None:
             WantedError, match=rf"--port {port}: cannot be used on 127.0.0.1 \(Address already in use\)"
         ):
             wanted(False, port, False, SCREEN)
-    assert wanted(False, port, False, SCREEN) == Wanted({"view": False, "port": int(port)})
+    assert wanted(False, port, False, SCREEN) == Wanted(True, port=int(port))
 
 
 def test_a_privileged_port_is_named_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,13 +50,15 @@ def test_a_privileged_port_is_named_as_such(monkeypatch: pytest.MonkeyPatch) -> 
 def test_nobody_views_what_is_left_out(view: bool, port: str) -> None:
     with pytest.raises(WantedError, match="needs the dashboard that --no-dashboard leaves out"):
         wanted(view, port, True, SCREEN)
-    assert wanted(False, "0", True, SCREEN) == Wanted(None)
+    assert wanted(False, "0", True, SCREEN) == Wanted(False)
 
 
 def test_without_a_display_the_map_is_served_and_that_is_said() -> None:
-    assert wanted(True, "0", False, SCREEN).notes == ()
+    assert wanted(True, "0", False, SCREEN) == Wanted(True, window=True)
     unseen = wanted(True, "0", False, {"DISPLAY": ""})
-    assert unseen.parameters == {"view": True, "port": 0}
+    assert (unseen.dashboard, unseen.window) == (True, False)
+    assert unseen.port > 1023
+    assert wanted(True, "9876", False, {"DISPLAY": ""}).port == 9876
     assert "no display" in unseen.notes[0]
     assert has_display({"WAYLAND_DISPLAY": "wayland-0"})
 
@@ -68,5 +70,5 @@ def test_without_rerun_there_is_no_dashboard_and_that_is_said(how: str, monkeypa
     else:
         monkeypatch.setitem(sys.modules, "rerun", None)
     found = wanted(False, "0", False, SCREEN)
-    assert found.parameters is None
+    assert not found.dashboard
     assert "rerun is not installed" in found.notes[0]
