@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bow_sim.physics.parameters import FIELDS
 from bow_sweep.cell import analysis
 from bow_sweep.cell.analysis import Harmonics, Spectrum
 from bow_sweep.cell.cell_record import CellRecord
 from bow_sweep.cell.motion import CellMotion, motion
+from bow_sweep.maps.held_fixed import unit_of
 from bow_sweep.maps.plane import regime_label
 
 SHOWN_PERIODS = 4
@@ -65,7 +65,7 @@ class Portrait:
         record = self.record
         tests = record.tests
         values = ((record.x_name, record.x), (record.y_name, record.y))
-        lines = [(name, f"{value:.6g}{_unit(name)}") for name, value in values]
+        lines = [(name, f"{value:.6g} {unit_of(name)}".rstrip()) for name, value in values]
         if len(tests.periods):
             sure = float(tests.confidence[-1])
             last = regime_label(tests.name()) + ("" if np.isnan(sure) else f", confidence {sure:.2f}")
@@ -87,12 +87,6 @@ class Portrait:
             return "none: not periodic near the nominal period"
         cents = analysis.cents(self.period, self.record.period)
         return f"{self.record.sample_rate / self.period:.2f} Hz, {cents:+.1f} cents; period {self.period:.3f} samples"
-
-
-def _unit(name: str) -> str:
-    known = FIELDS.get(name)
-    unit = known.metadata["unit"] if known else ""
-    return f" ({unit})" if unit else ""
 
 
 def _transient(periods: float) -> str:

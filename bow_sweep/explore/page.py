@@ -26,13 +26,13 @@ from bokeh.models.widgets.inputs import Checkbox, Select
 from bokeh.models.widgets.markups import Div
 from bokeh.models.widgets.sliders import Slider
 
-from bow_sim.physics.parameters import FIELDS
 from bow_sweep.explore import plots
 from bow_sweep.explore.layers import Layer, difference_layer, hex_colour, layers_of, regime_names
 from bow_sweep.explore.pairs import differences, nearest_cells, same_plane
 from bow_sweep.explore.samples import FLOOR_DB
 from bow_sweep.figures.colours import regime_colours
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, PlotAxis
+from bow_sweep.maps.held_fixed import unit_of
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import MODEL_NAMES, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
@@ -250,7 +250,7 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
             "unit": f" ({layer.unit})" if layer.unit else "",
             "legends": [plots.legend_html(entries) for entries in layer.legends],
         }
-    units = [_unit(axis) for axis in plane.axes]
+    units = [f" {unit}" if (unit := unit_of(axis.name)) else "" for axis in plane.axes]
     script: dict[str, Any] = {
         "layers": known,
         "shown": shown,
@@ -304,13 +304,6 @@ def _hover(plane: MapFile, image: Any, number: int, difference: bool) -> HoverTo
 
 def _symbol(axis: PlotAxis) -> str:
     return PLAIN_SYMBOLS.get(axis.name, axis.name)
-
-
-def _unit(axis: PlotAxis) -> str:
-    """Return the unit of an axis, with a space before it; "" where the parameter is a ratio."""
-    known = FIELDS.get(axis.name)
-    unit = str(known.metadata["unit"] or "") if known and axis.name != "f_init_ratio" else ""
-    return f" {unit}" if unit else ""
 
 
 def _details_form(plane: MapFile) -> str:

@@ -88,10 +88,11 @@ def _held(name: str, given: dict[str, str]) -> Held:
         return Held(name, f"{trip:g}/{_short(given['period'])}", "")
     if name.endswith("_function"):
         return Held(name, "own", "")
-    return Held(name, _short(given[name]), _unit(name))
+    return Held(name, _short(given[name]), unit_of(name))
 
 
-def _unit(name: str) -> str:
+def unit_of(name: str) -> str:
+    """Return the unit of a setting, in the paper's units or in SI; "" for a number."""
     if name in UNITS:
         return UNITS[name]
     if name in SI:
@@ -113,7 +114,7 @@ def cell_name(plane: Plane, cell: int) -> str:
 
 
 def _named(name: str, value: float) -> str:
-    return f"{CLOSE.get(name, name)} {value:.4g} {_unit(name)}".rstrip()
+    return f"{CLOSE.get(name, name)} {value:.4g} {unit_of(name)}".rstrip()
 
 
 def string_of(plane: Plane) -> str:
