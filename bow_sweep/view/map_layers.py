@@ -186,11 +186,8 @@ class MapLayers:
             send(f"{place}/picture", at, rr.Image.columns(buffer=pixels, format=[form] * len(times)))
             if self.radius:
                 flat = np.concatenate([made.ravel() for made in series])
-                send(
-                    f"{place}/cells",
-                    at,
-                    rr.LineStrips2D.columns(class_ids=flat).partition([series[0].size] * len(times)),
-                )
+                cells = rr.LineStrips2D.columns(class_ids=flat, colors=_packed(self._paint[place][flat]))
+                send(f"{place}/cells", at, cells.partition([series[0].size] * len(times)))
         send("counts", at, rr.Scalars.columns(scalars=np.concatenate(counts)).partition([len(counts[0])] * len(times)))
 
     def _all_codes(self, snapshot: Snapshot) -> dict[str, np.ndarray]:
@@ -217,7 +214,9 @@ class MapLayers:
         """Log a picture and the same codes of its cells, (ny, nx)."""
         self._log(f"{place}/picture", rr.Image(upright(self._paint[place][codes]), color_model=RGB))
         if self.radius:
-            self._log(f"{place}/cells", rr.LineStrips2D.from_fields(class_ids=codes.ravel()))
+            flat = codes.ravel()
+            colours = _packed(self._paint[place][flat])
+            self._log(f"{place}/cells", rr.LineStrips2D.from_fields(class_ids=flat, colors=colours))
 
 
 def _bars(plane: Plane) -> rr.BarChart:
@@ -233,6 +232,16 @@ def _palette(meanings: Sequence[Meaning]) -> np.ndarray:
     table = np.zeros((max(each.code for each in meanings) + 1, 3), np.uint8)
     table[[each.code for each in meanings]] = [each.colour for each in meanings]
     return table
+
+
+def _packed(colours: np.ndarray) -> np.ndarray:
+    """Return opaque colours, (n, 3) uint8, as rerun packs them: (n,) uint32.
+
+    Cells have colours of their own beside their codes: a viewer that was connected to another dashboard of the run
+    before may use colours of its own for codes.
+    """
+    red, green, blue = colours.astype(np.uint32).T
+    return red << 24 | green << 16 | blue << 8 | 255
 
 
 def context(meanings: Sequence[Meaning]) -> rr.AnnotationContext:

@@ -60,7 +60,7 @@ def colours(path: Path, place: str, row: int = -1) -> np.ndarray:
 
 def named(path: Path, place: str, row: int = -1) -> list[list[str]]:
     """What a picture of a map says of each cell, the lowest row of the map first. Its colours mean the same."""
-    ((_, (meanings,)),) = rows(path, place, "AnnotationContext:context")
+    _, (meanings,) = rows(path, place, "AnnotationContext:context")[-1]
     names, paint = {}, {}
     for entry in meanings:
         info = entry["class_description"]["info"]
