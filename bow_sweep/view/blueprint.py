@@ -49,7 +49,12 @@ def send(blueprint: rrb.Blueprint, application: str, record: rr.RecordingStream)
     stream.disconnect()
 
 
-def arrange(decorations: Mapping[str, Decorations], cells: Mapping[int, str], pointed: bool = True) -> rrb.Blueprint:
+def arrange(
+    decorations: Mapping[str, Decorations],
+    cells: Mapping[int, str],
+    pointed: bool = True,
+    force: tuple[float, float] | None = None,
+) -> rrb.Blueprint:
     """Return the layout: a tab for the sweep, one for the tests, one for terrain and one for waveforms.
 
     Parameters
@@ -60,6 +65,8 @@ def arrange(decorations: Mapping[str, Decorations], cells: Mapping[int, str], po
         The inspected cells that have a row, and what they are called.
     pointed
         Whether maps have cells that the mouse can point at; else it points at the pixels of the picture.
+    force
+        Range of the bridge force that its views show at first: what the viewer chooses may be that of a few periods.
     """
 
     def plane(origin: str, name: str) -> rrb.Spatial2DView:
@@ -104,7 +111,12 @@ def arrange(decorations: Mapping[str, Decorations], cells: Mapping[int, str], po
         name="Terrain and playability",
     )
     waves: list[rrb.View] = [
-        rrb.TimeSeriesView(origin=f"waveform/{trace_name(cell)}", name=f"Bridge force of {name}", plot_legend=UNSEEN)
+        rrb.TimeSeriesView(
+            origin=f"waveform/{trace_name(cell)}",
+            name=f"Bridge force of {name}",
+            plot_legend=UNSEEN,
+            axis_y=None if force is None else rrb.ScalarAxis(range=force),
+        )
         for cell, name in cells.items()
     ]
     waveforms = rrb.Grid(

@@ -27,7 +27,7 @@ from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.blueprint import NO_CELLS, arrange, send
 from bow_sweep.view.map_layers import ABOVE, CONTEXT, SEQUENCES, THIN, MapLayers, texts
 from bow_sweep.view.pieces import Piece, Pieces
-from bow_sweep.view.scope import Scope, name_of, trace_name
+from bow_sweep.view.scope import Scope, force_range, name_of, trace_name
 from bow_sweep.view.tests_over_time import at_each_test, confidence_words
 from bow_sweep.view.viewer import answers
 
@@ -175,7 +175,7 @@ class RunRecording:
 
     def _blueprint(self) -> rrb.Blueprint:
         cells = {cell: name_of(self.snapshot, cell) for cell in self.scope.cells}
-        return arrange(self._layers.decorations, cells, pointed=self._layers.radius > 0)
+        return arrange(self._layers.decorations, cells, self._layers.radius > 0, force_range(self.snapshot))
 
     def waveform(self, cells: Sequence[int], first_sample: int, data: np.ndarray) -> None:
         """Take a chunk of the bridge force of inspected cells; :meth:`draw_waveforms` draws it.

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bow_sim.physics.parameters import FIELDS
 from bow_sweep.maps.held_fixed import cell_name
 from bow_sweep.maps.plane import Plane
 from bow_sweep.view.decorations import HEIGHT, LINE, cell_centres, cell_size
@@ -136,6 +137,25 @@ class Scope:
             frame=np.array([*corners, corners[0]], np.float32),
             place=(x, y + high if y < HEIGHT / 2 else y - high - LINE),  # towards the middle of the map
         )
+
+
+def force_range(plane: Plane) -> tuple[float, float] | None:
+    """Return a range that the bridge force hardly leaves, or None where the bow speed has no end.
+
+    The ramp of Helmholtz motion rises by ``v_b/beta``, from about half of it below 0, and ripples come on top.
+    """
+    given = plane.values
+    if given.get("gesture") == "guettler":
+        return None
+    least = {axis.name: float(axis.values.min()) for axis in plane.axes}
+    most = {axis.name: float(axis.values.max()) for axis in plane.axes}
+    bridge, period, v_b = (
+        float(given.get(name, FIELDS[name].default))  # type: ignore[arg-type]  # a number's text
+        for name in ("bow_bridge", "period", "v_b")
+    )
+    beta = least.get("beta", least.get("bow_bridge", bridge) / period)
+    speed = most.get("v_b", v_b)
+    return -0.8 * speed / beta, speed / beta
 
 
 def trace_name(cell: int) -> str:
