@@ -81,6 +81,7 @@ setup(
         "setproctitle>=1.3",
         "xxhash>=3.4",
         "mcap>=1.2",
+        "pyarrow>=18",  # rerun's own: names of codes are given to it as Arrow
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10
     ],
     extras_require={

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -99,7 +100,7 @@ class RerunProcess:
             with self._output as output:
                 output.seek(0)
                 lines = output.read().decode(errors="replace").splitlines()
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        last = next((line.strip() for line in map(_bare, reversed(lines)) if line.strip()), "")
         if not status and not last.startswith("Error"):  # without a display it prints an error and exits with 0
             return ""
         return f"{self.what} ended (exit status {status})" + (f": {last}" if last else "")
@@ -219,6 +220,12 @@ class Screen:
                 say(f"still serving viewers for up to {LINGER_S:g} s; Ctrl-C ends it")
                 server.linger(LINGER_S, going_on)
         server.stop()
+
+
+def _bare(line: str) -> str:
+    """Return a line without the codes of colours, and without time, level and module that rerun's log begins with."""
+    line = re.sub(r"\x1b\[[0-9;]*m", "", line)
+    return re.sub(r"^\S+Z +[A-Z]+ \S+: ", "", line)
 
 
 def uri_of(port: int) -> str:
