@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim.kernel.block import Block
+from bow_sim.kernel.block import transient
 from bow_sim.physics.friction import sliding_coefficient, slipping_limit, sticking_limit
 from bow_sim.physics.gesture import force_and_speed
 from bow_sim.physics.parameters import Parameters
@@ -106,26 +106,18 @@ class CellMotion:
 def motion(record: CellRecord) -> CellMotion:
     """Compute a cell again with every waveform; `same` says whether that is the motion of the record."""
     p = record.parameters
-    values = {name: [value] for name, value in ((record.x_name, record.x), (record.y_name, record.y))}
-    block = Block(p, values, trace=True)
-    parts = []
-    for _ in range(p.chunks):
-        block.advance()
-        assert block.traces is not None
-        parts.append(block.traces[:, :, 0].astype(np.float64))
-    traces = dict(zip(block.trace_names, np.concatenate(parts, axis=1), strict=True))
+    traces = transient(p)
     bow_force, bow_speed = force_and_speed(p, 0, p.samples)
-    y = float(ends(p).y)
     force = traces["bridge_force"].astype(np.float32)
     return CellMotion(
         parameters=p,
         v=traces["v"],
         v_h=traces["v_h"],
         v_centre=traces["v_centre"],
-        friction_force=traces["friction_force"] / float(block.admittance[0]),
+        friction_force=traces["friction_force"],
         bow_force=bow_force,
         bow_speed=bow_speed,
-        slipping=traces["slipping"] != 0,
-        y=y,
+        slipping=traces["slipping"],
+        y=float(ends(p).y),
         same=force.tobytes() == record.bridge_force.tobytes(),
     )

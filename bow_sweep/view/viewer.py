@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bow_sim.graph.process_stat import read_stat
 from bow_sweep.view.wanted import LOOPBACK, free_port
 
 MEMORY = "256MiB"
@@ -30,6 +31,9 @@ PROGRAM = "RERUN_CLI_PATH"
 
 DELIVERED_S, LOOK_S = 1.0, 0.1
 """Viewers have everything when nothing was sent to them for so long; how often this is looked at."""
+
+IDLE_S = 0.015
+"""CPU time between two looks of a server that passes nothing on: one clock tick of 0.01 s, and no more."""
 
 LINGER_S = 20.0
 """Connected viewers have this time at most to receive what was drawn last."""
@@ -140,23 +144,20 @@ class Server(RerunProcess):
     def linger(self, seconds: float, going_on: Callable[[], bool] = lambda: True) -> None:
         """Return when all connected viewers have everything, after `seconds`, or when `going_on` returns False."""
         deadline = time.monotonic() + seconds
-        used, quiet = self._used(), 0.0
+        used, quiet = self._cpu_s(), 0.0
         while time.monotonic() < deadline and quiet < DELIVERED_S and self._process.poll() is None and going_on():
             queues = connections(self.port)
             if not queues:
                 return
             time.sleep(LOOK_S)
-            now = self._used()
-            quiet = 0.0 if any(queues) or now - used > 1 else quiet + LOOK_S
+            now = self._cpu_s()
+            quiet = 0.0 if any(queues) or now - used > IDLE_S else quiet + LOOK_S
             used = now
 
-    def _used(self) -> int:
-        """Return the CPU time of the process, clock ticks: it passes data on as long as it uses any."""
-        try:
-            words = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            return 0
-        return int(words[11]) + int(words[12])
+    def _cpu_s(self) -> float:
+        """Return the CPU time of the process: it passes data on as long as it uses any."""
+        stat = read_stat(self.pid)
+        return 0.0 if stat is None else stat.cpu_s
 
     def stop(self) -> None:
         """End it."""

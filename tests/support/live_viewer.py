@@ -18,6 +18,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,6 +138,19 @@ class HeadlessViewer:
             top, left = ABOVE + number // columns * height, number % columns * width
             found[origin] = window[top : top + height, left : left + width]
         return found
+
+
+@contextlib.contextmanager
+def spawned_viewer() -> Iterator[Any]:
+    """Start a viewer by rerun's own client, which it is asked through; end it."""
+    from rerun.experimental import ViewerClient
+
+    program = str(Path(sys.executable).with_name("rerun"))
+    client = ViewerClient.spawn(headless=True, port=free_port(), hide_welcome_screen=True, executable_path=program)
+    try:
+        yield client
+    finally:
+        client.quit()
 
 
 @contextlib.contextmanager

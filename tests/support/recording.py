@@ -29,6 +29,7 @@ from bow_sim.protocol.states import BlockState, NodeState, PlanState
 from bow_sweep.coordinator.results import basin_of, map_of, playability_of
 from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.plan.sweep import Sweep
+from bow_sweep.record.bag import messages
 from bow_sweep.record.replay import load_verdicts
 from bow_sweep.record.session import Session
 from bow_sweep.record.topics import STORED_ONCE, full_names
@@ -319,3 +320,15 @@ def quarantined_run(run: Path) -> None:
     message = plan(sweep, PlanState.CLOSED, states=states)
     made.plan(cdr.decode("Plan", message), message, time.time_ns())
     made.close(time.time_ns())
+
+
+def recorded_force(run: Path, cell: int) -> np.ndarray:
+    """The bridge force of a cell, by reading all of the bag, (samples,)."""
+    found = {}
+    for message in messages(run / "bag"):
+        if message.topic == "bridge_force":
+            values = cdr.unseal("BridgeForce", message.data)
+            if cell in values["cells"]:
+                row = values["cells"].tolist().index(cell)
+                found[values["chunk"]] = values["data"].reshape(-1, values["samples"])[row].copy()
+    return np.concatenate([found[chunk] for chunk in sorted(found)])

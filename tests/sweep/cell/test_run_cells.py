@@ -15,32 +15,7 @@ from bow_sweep.cell import run_cells
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cell.waveform import CellError
 from bow_sweep.maps.map_file import MAP, read_map
-from bow_sweep.record.bag import bag_files, messages
-
-
-@pytest.fixture(scope="module")
-def complete(recorded, tmp_path_factory) -> Path:
-    """A run with all its files; not to be changed."""
-    run = Path(shutil.copytree(recorded, tmp_path_factory.mktemp("cells") / "run"))
-    return recording.leave_all(run, recording.small_sweep())
-
-
-@pytest.fixture
-def whole(complete, tmp_path) -> Path:
-    """A copy of it, to be changed."""
-    return Path(shutil.copytree(complete, tmp_path / "whole"))
-
-
-def recorded_force(run: Path, cell: int) -> np.ndarray:
-    """The bridge force of a cell, by reading all of the bag, (samples,)."""
-    found = {}
-    for message in messages(run / "bag"):
-        if message.topic == "bridge_force":
-            values = cdr.unseal("BridgeForce", message.data)
-            if cell in values["cells"]:
-                row = values["cells"].tolist().index(cell)
-                found[values["chunk"]] = values["data"].reshape(-1, values["samples"])[row].copy()
-    return np.concatenate([found[chunk] for chunk in sorted(found)])
+from bow_sweep.record.bag import bag_files
 
 
 def damage(run: Path, cell: int) -> None:
@@ -65,7 +40,7 @@ def test_a_cell_is_the_same_from_the_bag_and_computed_again(complete: Path, cell
     assert (bag.source, bag.checked) == ("bag", True)
     assert (computed.source, computed.checked) == ("computed", True)
     assert "equal to the bag" in computed.why
-    assert bag.bridge_force.tobytes() == recorded_force(complete, cell).tobytes()
+    assert bag.bridge_force.tobytes() == recording.recorded_force(complete, cell).tobytes()
     assert bag.differs_from(computed) is None
     alone = transient(bag.parameters)
     assert bag.bridge_force.tobytes() == alone["bridge_force"].astype(np.float32).tobytes()

@@ -13,17 +13,6 @@ from bow_sweep.cli import main
 from bow_sweep.view.cell_views import cells_in
 
 
-@pytest.fixture(scope="module")
-def complete(recorded, tmp_path_factory) -> Path:
-    run = Path(shutil.copytree(recorded, tmp_path_factory.mktemp("inspect") / "run"))
-    return recording.leave_all(run, recording.small_sweep())
-
-
-@pytest.fixture
-def whole(complete, tmp_path) -> Path:
-    return Path(shutil.copytree(complete, tmp_path / "whole"))
-
-
 @pytest.fixture(autouse=True)
 def no_display(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

@@ -8,6 +8,7 @@ from pathlib import Path
 import explored
 import numpy as np
 import pytest
+import recording
 from browser import Tab
 
 from bow_sim.protocol import cdr
@@ -23,18 +24,6 @@ pytestmark = pytest.mark.full
 NX, NY = 8, 6
 PERIOD = 139
 PERIODS = 30
-
-
-def recorded_force(run: Path, cell: int) -> np.ndarray:
-    """The bridge force of a cell, by reading all of the bag, (samples,)."""
-    found = {}
-    for message in messages(run / "bag"):
-        if message.topic == "bridge_force":
-            values = cdr.unseal("BridgeForce", message.data)
-            if cell in values["cells"]:
-                row = values["cells"].tolist().index(cell)
-                found[values["chunk"]] = values["data"].reshape(-1, values["samples"])[row].copy()
-    return np.concatenate([found[chunk] for chunk in sorted(found)])
 
 
 def recorded_slips(run: Path, cell: int) -> np.ndarray:
@@ -108,7 +97,7 @@ def test_a_clicked_cell_shows_the_samples_of_the_bag(one: Tab, first_run: Path) 
     for ix, iy in ((5, 1), (7, 0)):
         cell = iy * NX + ix
         tab.click_cell(ix, iy)
-        force = recorded_force(first_run, cell)
+        force = recording.recorded_force(first_run, cell)
         wait_for_cell(tab, force)
         assert tab.chosen() == [cell]
         wave = tab.columns("wave")
@@ -232,7 +221,7 @@ def test_two_runs_show_the_same_cell(two: Tab, first_run: Path, second_run: Path
         cell = iy * NX + ix
         tab.click_cell(ix, iy, figure)
         for letter, run in (("A", first_run), ("B", second_run)):
-            force = recorded_force(run, cell)
+            force = recording.recorded_force(run, cell)
             wait_for_cell(tab, force, letter)
             np.testing.assert_array_equal(tab.columns(f"wave{letter}")["force"], force.astype(float))
         assert tab.chosen() == [cell, cell]
@@ -264,7 +253,7 @@ def test_a_saved_page_shows_the_samples_of_the_bag_to_half_a_step(saved: Tab, fi
         cell = iy * NX + ix
         tab.click_cell(ix, iy)
         tab.until(f"bow.chosen.data.cell[0] === {cell}")
-        force = recorded_force(first_run, cell)[-5 * PERIOD :]
+        force = recording.recorded_force(first_run, cell)[-5 * PERIOD :]
         shown = tab.columns("wave")
         bound = (force.max() - force.min()) / 65_534 / 2 + 4 * np.finfo(np.float32).eps * np.abs(force).max()
         assert len(shown["force"]) == len(force)
@@ -297,7 +286,7 @@ def test_a_saved_page_of_two_runs(saved_two: Tab, first_run: Path, second_run: P
     tab.click_cell(2, 3, "mapB")
     tab.until(f"bow.chosen.data.cell[1] === {3 * NX + 2}")
     for letter, run in (("A", first_run), ("B", second_run)):
-        force = recorded_force(run, 3 * NX + 2)[-7 * PERIOD :]
+        force = recording.recorded_force(run, 3 * NX + 2)[-7 * PERIOD :]
         shown = tab.columns(f"wave{letter}")["force"]
         assert len(shown) == len(force)
         np.testing.assert_allclose(shown, force, atol=(force.max() - force.min()) / 60_000)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import io
 import os
 import shutil
-import socket
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import recording
+from live_viewer import needs_vulkan, spawned_viewer
 from read_rrd import entities, rows, verify
 
 from bow_sweep.cell import analysis
@@ -137,27 +135,12 @@ def test_a_panel_places_values_and_labels_within_its_bounds() -> None:
     assert ticks((0.0, 12.0)) == [0, 2, 4, 6, 8, 10, 12]
 
 
-def _has_vulkan() -> bool:
-    drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json"), *Path("/etc/vulkan/icd.d").glob("*.json")]
-    try:
-        ctypes.CDLL("libvulkan.so.1")
-    except OSError:
-        return False
-    return bool(drivers)
-
-
 @pytest.mark.full
-@pytest.mark.skipif(not _has_vulkan(), reason="needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1")
 def test_the_real_viewer_shows_every_part_of_a_cell_and_complains_of_none(written: Path) -> None:
     from PIL import Image
-    from rerun.experimental import ViewerClient
 
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    program = str(Path(sys.executable).with_name("rerun"))
-    viewer = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True, executable_path=program)
-    try:
+    needs_vulkan()
+    with spawned_viewer() as viewer:
         viewer.open(str(written))
         end = time.monotonic() + 60
         while not viewer.get_state().views:
@@ -169,8 +152,6 @@ def test_the_real_viewer_shows_every_part_of_a_cell_and_complains_of_none(writte
         assert state.recordings[0].current_timeline == "time"
         with Image.open(io.BytesIO(viewer.take_screenshot())) as screenshot:
             painted = np.asarray(screenshot.convert("RGB")).astype(int)
-    finally:
-        viewer.quit()
     shown = {
         "bridge force": cell_views.FORCE,
         "slips": cell_views.SLIP,

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import io
-import socket
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from example_maps import HELMHOLTZ, SLIP, basin_map, inspection, map_file, plan
+from live_viewer import needs_vulkan, spawned_viewer
 from PIL import Image
 
 from bow_sim.protocol import cdr
@@ -22,17 +20,7 @@ from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.view.live_run import LiveRun
 from bow_sweep.view.tests_over_time import LEDGER
 
-NEEDED = "needs a Vulkan driver: Debian's mesa-vulkan-drivers and libvulkan1"
 SETTLE_S = 2.0
-
-
-def _has_vulkan() -> bool:
-    drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json"), *Path("/etc/vulkan/icd.d").glob("*.json")]
-    try:
-        ctypes.CDLL("libvulkan.so.1")
-    except OSError:
-        return False
-    return bool(drivers)
 
 
 @pytest.fixture(scope="module")
@@ -60,21 +48,11 @@ def shown(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def viewer(shown):
-    if not _has_vulkan():
-        pytest.skip(NEEDED)
-    from rerun.experimental import ViewerClient
-
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    program = str(Path(sys.executable).with_name("rerun"))
-    client = ViewerClient.spawn(headless=True, port=port, hide_welcome_screen=True, executable_path=program)
-    try:
+    needs_vulkan()
+    with spawned_viewer() as client:
         client.open(str(shown))
         time.sleep(SETTLE_S)
         yield client
-    finally:
-        client.quit()
 
 
 def picture(viewer, view: str) -> np.ndarray:
