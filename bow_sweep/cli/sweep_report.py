@@ -178,6 +178,8 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
         "",
         f"check it: bow verify {shlex.quote(str(directory))}",
     ]
+    if found.get("not_drawn"):  # older reports have no such entry
+        lines.insert(2, f"not drawn: {found['not_drawn']}")
     for block, why in found["quarantined_blocks"].items():
         lines.insert(2, f"QUARANTINED block {block}: {why}")
     return "\n".join(lines)

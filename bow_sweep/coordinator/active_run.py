@@ -92,7 +92,7 @@ class ActiveRun:
         rate = self._cells_this_time / max(wall_clock - self.began, 1e-9)
         return messages.feedback_values(self.run, self.basin, rate)
 
-    def write_report(self, wall_clock: float, playability: Mapping[str, Any]) -> dict[str, Any]:
+    def write_report(self, wall_clock: float, results: ResultsWritten) -> dict[str, Any]:
         """Write the report of the run and return the fields of RunSweep.Result.
 
         Raises
@@ -100,7 +100,11 @@ class ActiveRun:
         RunError
             If it cannot be written.
         """
-        extra = {"cells_this_time": self._cells_this_time, "playability": playability}
+        extra = {
+            "cells_this_time": self._cells_this_time,
+            "playability": results.playability,
+            "not_drawn": results.problem,
+        }
         with writing(self.run.directory):
             report = self.run.report(self.basin, wall_clock - self.began, extra)
         return messages.result_values(self.run, report)

@@ -214,7 +214,6 @@ class CoordinatorSession:
         self._active.results = results
         if problem:
             self._log("error", f"not drawn: {problem}")
-            self._set_state(NodeState.BUSY, f"not drawn: {problem}")
         self._set_state(NodeState.BUSY, "waiting for the bag to close")
 
     def _finish_when_closed(self, active: ActiveRun) -> None:
@@ -232,7 +231,7 @@ class CoordinatorSession:
     def _finish(self, active: ActiveRun, results: ResultsWritten) -> None:
         """Write the report, answer the goal and get ready for the next one."""
         run_id, now = active.run.run_id, self._wall_clock()
-        result = active.write_report(now, results.playability)
+        result = active.write_report(now, results)
         if active.goal is not None:
             self._out.append(AnswerGoal(active.goal, result))
         self._log("info", f"run {run_id} closes: {result['message']} in {now - active.began:.1f} s")

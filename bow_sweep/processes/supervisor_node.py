@@ -36,8 +36,8 @@ SUSPENDED_S = 5.0
 MENTIONED_S = 5.0
 """What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
 
-NEWS = ("refuses blocks", "not drawn: ", "waiting for the dashboard")
-"""Health details that begin so are printed."""
+NEWS = ("refuses blocks", "waiting for the dashboard")
+"""Health details that begin so are printed. They last: of two heartbeats at once only the second is sure to arrive."""
 
 
 @dataclass
