@@ -50,6 +50,15 @@ def config_files() -> list[tuple[str, list[str]]]:
     return [(str(folder), sorted(str(path) for path in folder.iterdir() if path.is_file())) for folder in folders]
 
 
+def package_dir() -> dict[str, str]:
+    """Where the packages are, said such that `pip install --editable` puts this folder on the path of Python.
+
+    Unless it is said, setuptools installs a finder that Python asks last. A folder named bow where a script runs, as a
+    clone of this repository beside it, would then be imported in place of the package.
+    """
+    return {"": "."} if "setuptools.build_meta" in sys.modules else {}
+
+
 stop_without_messages()
 console_scripts, shims = executables()
 setup(
@@ -58,6 +67,7 @@ setup(
     description="Basin maps of the bowed string, swept on a ROS 2 graph",
     license="Apache-2.0",
     python_requires=">=3.10",
+    package_dir=package_dir(),
     packages=find_packages(include=["bow", "bow.*", "bow_sim*", "bow_classifier*", "bow_sweep*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/bow"]),
