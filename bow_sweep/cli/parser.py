@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from bow_sim.graph import environment
 from bow_sweep.cli import (
+    classify,
     compare,
     explore,
     export,
@@ -36,8 +37,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    shown = sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, export, settings
-    for module in shown:
+    runs = inspect, explore, verify, replay, recover, compare, export
+    for module in (sweep, transient, *runs, figure, validate, classify, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top
