@@ -33,7 +33,7 @@ NEAR_BOW, FINER, SEARCHED = 0.06, 4, 300
 trips of a recording are looked at: thirty periods of usual playing. A third of a sample too much leaves pieces of the
 ripples where they should cancel, and they are taken for corners."""
 
-TRUST = 0.5
+TRUST = 2.0
 """By how much worse a round trip at the end of this range is taken to be: strong ripples may look even at another."""
 
 FAINTEST = 0.2

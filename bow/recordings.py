@@ -32,6 +32,10 @@ BETA = 0.1
 BETAS = (0.02, 0.35)
 """Bow positions that can be judged: a corner is told from a ramp below 0.38 (PHYSICS.md section 7)."""
 
+CORNER = 0.41
+"""Least jump of a corner here, in v_b/beta; 0.38 in maps. Ripples that are sharper than a sample of the recording come
+out higher than they were: of 0.38, 0.41 and 0.44 this is right most often for strings with and without stiffness."""
+
 WITHIN = 0.03
 """Part of f_0 by which it may be wrong."""
 
@@ -132,7 +136,7 @@ def classify(
     f0_within
         Part of f0 by which it may be wrong: the period of the sound is looked for there. 0 takes f0 as it is.
     thresholds
-        None: the default ones.
+        None: those of the maps, with `CORNER`.
 
     Raises
     ------
@@ -153,7 +157,7 @@ def classify(
     grid = min(PERIODS, key=lambda period: abs(delay * period / PERIOD - round(delay * period / PERIOD)))
     wave = _resampled(force, grid * nominal / sample_rate)
     string = Geometry(grid, round(delay * grid / PERIOD), CHUNK_PERIODS * grid)
-    return _judged(wave, string, thresholds or Thresholds(), nominal, pitch is not None)
+    return _judged(wave, string, thresholds or Thresholds(corner=CORNER), nominal, pitch is not None)
 
 
 def _checked(x: ArrayLike, sample_rate: float, f0: float, beta: float, within: float) -> NDArray[np.float64]:
