@@ -54,10 +54,10 @@ def installed(dist: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     run(sys.executable, "-m", "venv", place / "venv", where=place)
     python = place / "venv/bin/python"
     if uv := shutil.which("uv"):
-        limits = ("--constraint", ROOT / "constraints.txt", "--only-binary", ":all:")
+        limits = ("--constraint", ROOT / "constraints.txt")
         run(uv, "pip", "install", "--python", python, *limits, *wanted, where=place, path=path)
     else:
-        run(python, "-m", "pip", "install", "-q", "--only-binary", ":all:", *wanted, where=place, path=path)
+        run(python, "-m", "pip", "install", "-q", *wanted, where=place, path=path)
     return place, path
 
 
