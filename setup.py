@@ -63,7 +63,7 @@ setup(
     description="Basin maps of the bowed string, swept on a ROS 2 graph",
     license="Apache-2.0",
     python_requires=">=3.10",
-    packages=find_packages(include=["bow_sim*", "bow_classifier*", "bow_sweep*"]),
+    packages=find_packages(include=["bow", "bow.*", "bow_sim*", "bow_classifier*", "bow_sweep*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/bow"]),
         ("share/bow", ["package.xml"]),
@@ -92,6 +92,11 @@ setup(
     extras_require={
         "ros": ros_wheels(),
         "explore": ["bokeh>=3.9,<4"],  # `bow explore`; `make setup` installs it
+        "data": [
+            "xarray>=2024.1",
+            "h5netcdf>=1.3",
+            "h5py>=3.8",
+        ],  # netCDF; `make setup` installs it
     },
     package_data={"bow_sweep.explore": ["page.js"]},
     entry_points={"console_scripts": [f"{name} = {target}" for name, target in console_scripts.items()]},
