@@ -14,8 +14,10 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import SI, lanes_in_paper_units
 from bow_sim.physics.parameters import FIELDS, SWEEPABLE, TYPES, Parameters, Range, check_friction
 from bow_sim.physics.reflection import Ends, ends
+from bow_sim.physics.schelleng import greatest
 
-FREE = frozenset({"f_asym", "f_init_ratio", "tau_f", "tau_v", "acceleration", "v_b", "mu_s", "mu_d", "v_mid"}) | {
+GESTURE = {"f_asym", "f_init_ratio", "sustained", "tau_f", "tau_v", "acceleration", "v_b"}
+FREE = frozenset({*GESTURE, "mu_s", "mu_d", "v_mid", "string_length"}) | {
     name for name in FIELDS if name.startswith(("hair_", "rosin_", "ribbon_", "v_unit"))
 }
 """Parameters of gesture, bow and friction; the other sweepable ones change the reflection functions."""
@@ -92,9 +94,21 @@ def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
         check_friction(float(mu_s[i]), float(mu_d[i]), float(v_mid[i]), float(v_b[i]), f"lanes[{i}]: ")
     names = tuple(sorted(set(arrays) - FREE))
     if not names:
-        return Cells(parameters, arrays, (ends(parameters),))
+        return _sustained(Cells(parameters, arrays, (ends(parameters),)))
     columns = zip(*(arrays[name].tolist() for name in names), strict=True)
-    return Cells(parameters, arrays, tuple(_ends(parameters, names, column, i) for i, column in enumerate(columns)))
+    made = tuple(_ends(parameters, names, column, i) for i, column in enumerate(columns))
+    return _sustained(Cells(parameters, arrays, made))
+
+
+def _sustained(made: Cells) -> Cells:
+    """Give each cell the initial force that `sustained` says, as its own f_init_ratio (PHYSICS.md section 14)."""
+    share = made.value("sustained")
+    if not share.any():
+        return made
+    values = {name: made.value(name) for name in SWEEPABLE | {"period"}}
+    most = greatest(made.parameters.friction, values, made.of_ends("y"))
+    ratio = np.where(share > 0, share * most / made.value("f_asym"), made.value("f_init_ratio"))
+    return Cells(made.parameters, made.lanes | {"f_init_ratio": ratio}, made.ends)
 
 
 def paper_lanes(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> dict[str, Any]:

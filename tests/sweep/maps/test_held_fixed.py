@@ -77,7 +77,7 @@ def test_what_differs_from_its_default_is_named_with_its_unit():
 def test_an_axis_in_si_units_takes_the_place_of_the_papers_parameter():
     plane = plane_of("fig11d", "string=violin_a", "v_unit=0.1", "x.name=force", "x.first=0.2", "x.last=4")
     assert not [line for line in lines(plane) if line.startswith("f_asym")]
-    assert cell_names(plane)[0].startswith("force 0.2 N, ")
+    assert cell_names(plane)[0].startswith("force 0.2 N (f_asym 4.926 v_b/Y_T), ")
 
 
 @pytest.mark.parametrize("preset", sorted(presets()))
