@@ -234,6 +234,12 @@ def take_presets(given: dict[str, Any], path: str = "") -> dict[str, Any]:
     return values
 
 
+def overridden(preset: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a preset without those that `given` has in another way, as `v_b` for `speed`."""
+    same = {SI[name].same if name in SI else name for name in given}
+    return {name: value for name, value in preset.items() if (SI[name].same if name in SI else name) not in same}
+
+
 def in_paper_units(
     si: Mapping[str, Any], given: Mapping[str, Any], everything: Mapping[str, Any], path: str = ""
 ) -> dict[str, Any]:

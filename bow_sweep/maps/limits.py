@@ -127,7 +127,9 @@ def bridge_admittance(p: Parameters) -> NDArray[np.complex128] | None:
     s = 2j * math.pi * f_0 * np.arange(1, HARMONICS + 1)
     y = np.zeros(HARMONICS, np.complex128)
     if p.model in CREMER:
-        y += s / (p.bridge_r * (s + p.bridge_w_c * 2 * math.pi * f_0))
+        y += 1 / p.bridge_r  # of the dashpot, exactly; the spring takes its share
+        if p.bridge_w_c:
+            y *= s / (s + p.bridge_w_c * 2 * math.pi * f_0)
     elif p.model == "raman":
         y += sum((1 - gain) / (1 + gain) for gain in (p.bridge_gain, p.nut_gain))
     for f, q, kappa in body.modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale):
@@ -293,7 +295,7 @@ def _friction(cells: list[Parameters], fall: NDArray[np.float64], before: str = 
     how = {"thermal": "steady sliding", "hyperbola": "" if before else "at slip speed v_b(1/beta-1)"}
     words = how.get(cells[0].friction, "")
     y = before.format(y=_range(admittance(cell) for cell in (cells[0], cells[-1])))
-    return f"{y}dmu = mu_s - mu = {_range(fall)}{' ' * bool(words)}{words}"
+    return f"{y}dmu = mu_s-mu = {_range(fall)}{' ' * bool(words)}{words}"
 
 
 def _bridge(cells: list[Parameters]) -> str:

@@ -17,6 +17,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.maps.held_fixed import common_in_si
 from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays
 from bow_sweep.maps.playability import playability
 from bow_sweep.plan.adaptive import fill
@@ -173,11 +174,13 @@ class FileChecks:
             self._problem(path, f"cannot be read: {error}")
             return
         planned, counts = self.expected.planned, self.counts
+        shared = common_in_si(vars(self.expected.parameters), (self.expected.x.name, self.expected.y.name))
         names = {"planned": "cells_planned", "done": "cells", "quarantined": "cells_quarantined"}
         cells = {name: counts[counted] for name, counted in names.items()}
         cells["outstanding"] = cells["planned"] - cells["done"] - cells["quarantined"]
         right = {
             **self._plan("classifier"),
+            **({"si": shared} if shared else {}),
             "cells": cells,
             **{name: counts[name] for name in ("cells_predicted", "samples")},
             "rounds": len(planned.rounds),

@@ -195,12 +195,13 @@ class Run:
         extra
             More entries.
         """
+        shared = common_in_si(vars(self.sweep.parameters), (self.sweep.x.name, self.sweep.y.name))
         report = {
             "run_id": self.run_id,
             "sweep_id": self.sweep.sweep_id,
             "preset": self.sweep.preset,
             "settings": list(self.sweep.settings()),
-            "si": common_in_si(vars(self.sweep.parameters), (self.sweep.x.name, self.sweep.y.name)),
+            **({"si": shared} if shared else {}),
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
