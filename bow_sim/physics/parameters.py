@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bow_sim.physics import body, instruments
+from bow_sim.physics import body, friction_curve, instruments
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import Range, article, as_number, choice, function, number, text
 from bow_sim.physics.reflection_text import FUNCTIONS, check, parse
@@ -46,6 +46,7 @@ FRICTIONS: dict[str, str] = {
     "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)",
     "coulomb": "mu_s on the point of sticking, mu_d sliding; sticks whenever it can (PHYSICS.md 13)",
     "thermal": "falls with the temperature of the rosin, needs z_0 and v_unit (PHYSICS.md 13)",
+    "curve": "a curve of your own, straight between its points: friction_curve (PHYSICS.md 13)",
 }
 """Names of the friction laws, with descriptions."""
 
@@ -91,6 +92,9 @@ class Parameters:
     torsion_bridge_function: str = function("of torsional waves at the bridge")
     torsion_nut_function: str = function("of torsional waves at the nut")
     friction: str = choice("hyperbola", FRICTIONS, "section III.C", "law of friction between bow and string")
+    friction_curve: str = text(
+        "PHYSICS.md 13", "curve: points s/mu, s/mu, ...; slip speed s from 0 on, in m/s with v_unit, else in bow speeds"
+    )
     mu_s: float = number(0.8, 0, 100, "", "Appendix", "friction coefficient on the point of sticking", "(]")
     mu_d: float = number(0.3, 0, 100, "", "Appendix", "friction coefficient at high slip speed")
     v_mid: float = number(0.2, -1e6, 1e6, "v_b", "Appendix", "string speed where mu is midway; below v_b")
@@ -149,7 +153,17 @@ class Parameters:
                 if name.startswith("torsion") and not self.has_torsion:
                     raise ParameterError(f"{path}{name}: must be empty: {self.model} has no torsional reflections")
                 check(parse(function_text, path + name), path + name, self.sample_rate)
+        if self.friction == "curve" or self.friction_curve:
+            self._check_curve(path)
         self._check_instrument(path)
+
+    def _check_curve(self, path: str) -> None:
+        """Check a friction curve of one's own."""
+        if not self.friction_curve:
+            raise ParameterError(f"{path}friction = 'curve': needs friction_curve=0/0.8,0.1/0.5,... or @FILE")
+        if self.friction != "curve":
+            raise ParameterError(f"{path}friction_curve: must be empty with friction = {self.friction!r}; set curve")
+        friction_curve.parse(self.friction_curve, path)
 
     def _check_instrument(self, path: str) -> None:
         """Check what needs SI units."""
@@ -238,6 +252,7 @@ class Parameters:
         if single:
             values["body_changes"] = body.changed(values.get("body_changes", base.body_changes), single, path)
         everything = {name: getattr(base, name) for name in FIELDS} | values
+        _check_beta(si, everything["period"], path)
         values |= instruments.in_paper_units(si, values, everything, path)
         try:
             return dataclasses.replace(base, **values)
@@ -304,7 +319,7 @@ def coerce(name: str, value: object, path: str = "") -> Any:
             raise ParameterError(f"{where}: must be text ({meta['doc']})")
         if value.startswith("@"):
             raise ParameterError(
-                f"{where}: must be the reflection function itself; only the command line reads files "
+                f"{where}: must be the text itself; only the command line reads files "
                 "(bow_sim.physics.reflection_text.embed_files)"
             )
         return value
@@ -340,6 +355,16 @@ def parse_settings(settings: Iterable[str], path: str = "") -> dict[str, str]:
             raise ParameterError(f"{path}{setting!r}: must have the form name=value")
         mapping[name.strip()] = value.strip()
     return mapping
+
+
+def _check_beta(si: Mapping[str, object], period: int, path: str) -> None:
+    """Raise ParameterError, in the words of the user, for a bow that is not on the string."""
+    beta = as_number(si.get("beta"))
+    if beta is not None and beta > 0 and not 1 <= round(beta * period, 9) <= period - 1:
+        raise ParameterError(
+            f"{path}beta = {beta:g}: must be {1 / period:.4g} ... {1 - 1 / period:.4g}: the bow is on the string, and "
+            f"at least a sample of period = {period} from its ends"
+        )
 
 
 def check_friction(mu_s: float, mu_d: float, v_mid: float, v_b: float, path: str = "") -> None:

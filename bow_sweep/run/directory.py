@@ -199,6 +199,7 @@ class Run:
             "sweep_id": self.sweep.sweep_id,
             "preset": self.sweep.preset,
             "settings": list(self.sweep.settings()),
+            "notes": list(self.sweep.notes),
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
