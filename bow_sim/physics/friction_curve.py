@@ -22,6 +22,9 @@ from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
 MOST = 1000
 """Points of a curve, at most; each costs time in every step."""
 
+GREATEST = 100.0
+"""Coefficient, at most."""
+
 SLACK = 1e-6
 """Share by which a piece may be steeper than one before it, because printed numbers are rounded."""
 
@@ -95,8 +98,11 @@ def _point(word: str, where: str) -> tuple[float, float]:
         speed, mu = (number(part) for part in word.split("/"))
     except ValueError:
         speed = mu = math.nan
-    if not (0 <= speed < math.inf and 0 <= mu < math.inf):
-        raise ParameterError(f"{where}: {word!r}: must be slip speed/coefficient, two numbers >= 0, as 0.1/0.5")
+    if not (0 <= speed < math.inf and 0 <= mu <= GREATEST):
+        raise ParameterError(
+            f"{where}: {word!r}: must be slip speed/coefficient, two numbers >= 0, as 0.1/0.5; the second at most "
+            f"{GREATEST:g}"
+        )
     return speed, mu
 
 

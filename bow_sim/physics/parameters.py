@@ -133,10 +133,15 @@ class Parameters:
     def __post_init__(self) -> None:
         for name in FIELDS:
             object.__setattr__(self, name, coerce(name, getattr(self, name)))
+        if self.friction == "curve" and self.friction_curve:
+            curve = friction_curve.parse(self.friction_curve)
+            object.__setattr__(self, "mu_s", float(curve.mu[0]))
+            object.__setattr__(self, "mu_d", float(curve.mu[-1]))
         self._check_together()
 
     def _check_together(self, path: str = "") -> None:
-        check_friction(self.mu_s, self.mu_d, self.v_mid, self.v_b, path)
+        if self.friction != "curve":
+            check_friction(self.mu_s, self.mu_d, self.v_mid, self.v_b, path)
         if self.bow_bridge + self.bow_offset > self.period - 1:
             raise ParameterError(
                 f"{path}bow_bridge = {self.bridge_delay:g}: must be less than period = {self.period}: "
@@ -163,7 +168,6 @@ class Parameters:
             raise ParameterError(f"{path}friction = 'curve': needs friction_curve=0/0.8,0.1/0.5,... or @FILE")
         if self.friction != "curve":
             raise ParameterError(f"{path}friction_curve: must be empty with friction = {self.friction!r}; set curve")
-        friction_curve.parse(self.friction_curve, path)
 
     def _check_instrument(self, path: str) -> None:
         """Check what needs SI units."""
@@ -255,9 +259,14 @@ class Parameters:
         _check_beta(si, everything["period"], path)
         values |= instruments.in_paper_units(si, values, everything, path)
         try:
-            return dataclasses.replace(base, **values)
+            made = dataclasses.replace(base, **values)
         except ParameterError as error:
             raise ParameterError(f"{path}{error}") from None
+        for name in {"mu_s", "mu_d"} & given.keys():
+            if getattr(made, name) != values[name]:
+                is_ = f"is {getattr(made, name):g} by friction_curve: leave it out"
+                raise ParameterError(f"{path}{name} = {given[name]!r}: {is_}")
+        return made
 
     def settings(self) -> tuple[str, ...]:
         """Return every parameter as ``name=value``, sorted; :meth:`from_settings` reads them back bit for bit."""

@@ -111,6 +111,14 @@ def test_a_curve_that_cannot_be_is_refused_with_the_place(text: str, what: str) 
     assert what in str(error.value)
 
 
+def test_the_coefficients_of_the_law_are_those_at_the_ends_of_the_curve() -> None:
+    p = Parameters.from_mapping({"friction": "curve", "friction_curve": "0/0.7, 1/0.2, 2/0.9"})
+    assert (p.mu_s, p.mu_d) == (0.7, 0.9)
+    assert Parameters.from_settings(p.settings()) == p
+    with pytest.raises(ParameterError, match=r"mu_s = 0\.8: is 0\.7 by friction_curve: leave it out"):
+        p.replace(mu_s=0.8)
+
+
 def test_law_and_curve_belong_together() -> None:
     with pytest.raises(ParameterError, match=r"friction = 'curve': needs friction_curve=0/0\.8"):
         Parameters(friction="curve")
