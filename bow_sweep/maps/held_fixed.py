@@ -120,7 +120,7 @@ def _held(name: str, given: dict[str, str], beside: str) -> Held:
     if name == "bow_bridge" and "period" in given:
         trip = float(given[name]) + float(given.get("bow_offset", 0))
         return Held(name, f"{trip:g}/{_short(given['period'])}", "", beside)
-    if name.endswith("_function"):
+    if name.endswith("_function") or name in ("body_modes", "friction_curve"):
         return Held(name, "own", "")
     return Held(name, _short(given[name]), unit_of(name), beside)
 
