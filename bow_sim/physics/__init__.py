@@ -11,6 +11,7 @@ number_files     text files of numbers that other programs write
 friction         friction laws: curve, hysteresis, and the solution of one time step
 friction_curve   a friction curve of one's own as text and as a file
 thermal          friction that falls with the temperature of the contact
+schelleng        Schelleng's limits of bow force
 gesture          gestures: bow force and bow speed over time
 applicability    which settings have an effect, and what a user should know of a combination
 cells            cells that differ in a few parameters, as arrays

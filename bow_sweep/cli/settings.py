@@ -36,7 +36,7 @@ def _settings(args: argparse.Namespace) -> int:
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
-            print(textwrap.indent(_describe(field, "" if prefix else name), "    "))
+            print(textwrap.indent(_describe(field) + _other_ways(name) * (not prefix), "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
         unit = f" [{quantity.unit}]" if quantity.unit else ""
@@ -75,14 +75,14 @@ _FORMULAS = {
 _SOURCES = {"bridge": "PHYSICS.md 3 and 10", "hair": "PHYSICS.md 12", "rosin": "PHYSICS.md 13"}
 
 
-def _si(name: str) -> str:
-    """Return in which other units a setting can be given."""
+def _other_ways(name: str) -> str:
+    """Return the settings in SI units that give the same, with their units."""
     others = [f"{other} [{q.unit}]" if q.unit else other for other, q in SI.items() if q.same == name]
-    return f"also as {', '.join(others)}" if others else ""
+    return f"; also: {', '.join(others)}" if others else ""
 
 
-def _describe(field: Any, name: str) -> str:
+def _describe(field: Any) -> str:
     meta = field.metadata
     allowed = ", ".join(meta["choices"]) if "choices" in meta else str(meta.get("range", ""))
     unit = f" [{meta['unit']}]" if meta["unit"] else ""
-    return "; ".join(filter(None, (f"{meta['doc']}{unit}", allowed, _si(name), meta.get("source", ""))))
+    return "; ".join(filter(None, (f"{meta['doc']}{unit}", allowed, meta.get("source", ""))))

@@ -19,6 +19,7 @@ from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
 from bow_sim.physics.applicability import check_axes, notes_of_map
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.instruments import overridden
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
@@ -94,7 +95,7 @@ class Sweep:
             For a sweep that cannot be computed; names the setting, its value and what would be right.
         """
         given = parse_settings(settings)
-        spec = split({**(load_preset(preset) if preset else {}), **given})
+        spec = split({**(overridden(load_preset(preset), given) if preset else {}), **given})
         x, y = Axis.of("x", spec.x, X_AXIS), Axis.of("y", spec.y, Y_AXIS)
         thresholds = Thresholds.from_mapping(spec.classifier)
         for axis, key in ((x, "x"), (y, "y")):

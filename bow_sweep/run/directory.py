@@ -22,6 +22,7 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.messages import FORMAT
 from bow_sweep.maps.basin_map import Basin
+from bow_sweep.maps.held_fixed import common_in_si
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run import ledger_file
@@ -194,11 +195,13 @@ class Run:
         extra
             More entries.
         """
+        shared = common_in_si(vars(self.sweep.parameters), (self.sweep.x.name, self.sweep.y.name))
         report = {
             "run_id": self.run_id,
             "sweep_id": self.sweep.sweep_id,
             "preset": self.sweep.preset,
             "settings": list(self.sweep.settings()),
+            **({"si": shared} if shared else {}),
             "notes": list(self.sweep.notes),
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,

@@ -22,6 +22,7 @@ CASES: dict[str, dict[str, Any]] = {
     "curve": {"model": "delta_cremer", "friction": "curve", "friction_curve": "0/0.8, 0.1/0.6, 0.4/0.45, 1/0.4, 3/0.5"},
     "between samples": {"model": "delta_cremer", "beta": 0.1234},
     "between samples, near the bridge": {"model": "raman", "beta": 0.012},
+    "sustained": {"model": "delta_cremer", "sustained": 0.6, "f_init_ratio": 1, "tau_f": 300, "f_asym": 2},
     "between samples, stiff": {"beta": 0.07, "gesture": "guettler"},
 }
 

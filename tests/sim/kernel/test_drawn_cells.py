@@ -60,9 +60,7 @@ def test_a_drawn_cell_agrees_with_the_scalar_string(what: str) -> None:
     slipped = []
 
     # no shrinking: Hypothesis then traces every line, also those of the compiler
-    @settings(
-        max_examples=EXAMPLES, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
-    )
+    @settings(max_examples=EXAMPLES, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
     @given(st.fixed_dictionaries(ALWAYS | DRAWN[what]))
     def agree(drawn: dict[str, Any]) -> None:
         p = Parameters.from_mapping({"periods": PERIODS, **drawn})
