@@ -41,9 +41,9 @@ def _settings(args: argparse.Namespace) -> int:
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
         unit = f" [{quantity.unit}]" if quantity.unit else ""
         print(f"{name}\n    {quantity.doc}{unit}; {_FORMULAS.get(name, f'sets {quantity.same}')}{needs}; PHYSICS.md 10")
-    for kind, (unit, what) in body.KINDS.items():
-        print(f"body_1_{kind}, body_2_{kind}, ...")
-        print(f"    of one mode of the body: {what}{f' [{unit}]' if unit else ''}; > 0; PHYSICS.md 11")
+    for what, (unit, meaning) in body.KINDS.items():
+        print(f"body_1_{what}, body_2_{what}, ...")
+        print(f"    of one mode of the body: {meaning}{f' [{unit}]' if unit else ''}; > 0; PHYSICS.md 11")
     for name, presets in PRESETS.items():
         print(f"{name}\n    sets what follows; {_SOURCES.get(name, 'PHYSICS.md 10')}")
         for preset, values in presets.items():
