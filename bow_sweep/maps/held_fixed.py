@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, in_si
 from bow_sim.physics.parameters import FIELDS, FLOATS
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, SYMBOLS
@@ -176,6 +177,8 @@ def unit_of(name: str) -> str:
         return UNITS[name]
     if name in SI:
         return SI[name].unit
+    if mode := mode_unit(name):
+        return mode[0]
     return str(FIELDS[name].metadata["unit"] or "") if name in FIELDS else ""
 
 

@@ -111,7 +111,7 @@ def bridge_admittance(p: Parameters) -> NDArray[np.complex128] | None:
             y *= s / (s + p.bridge_w_c * 2 * math.pi * f_0)
     elif p.model == "raman":
         y += sum((1 - gain) / (1 + gain) for gain in (p.bridge_gain, p.nut_gain))
-    for f, q, kappa in body.modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale):
+    for f, q, kappa in body.modes_of(p):
         w = 2 * math.pi * f
         y += kappa * w * s / (s * s + s * w / q + w * w)
     return y
@@ -287,7 +287,7 @@ def _bridge(cells: list[Parameters]) -> str:
             parts.append(f"K/R = {_range(cell.bridge_w_c for cell in ends_of)} w_0")
     elif p.model == "raman":
         parts.append("R of the losses of both ends")
-    found = body.modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale)
+    found = body.modes_of(p)
     if found:
         modes = "1 mode" if len(found) == 1 else f"{len(found)} modes"
         parts.append(f"{modes} of the body" + f" {p.body}" * (p.body != "none"))
