@@ -24,7 +24,7 @@ from bow_sweep.figures.layout import (
     percent,
     titles,
 )
-from bow_sweep.maps.limits import limit_lines
+from bow_sweep.maps.limit_lines import limit_lines
 from bow_sweep.maps.map_file import MapFile, MapFileError
 from bow_sweep.maps.plane import (
     NEVER,

@@ -20,7 +20,8 @@ import rerun as rr
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import regime_legend
 from bow_sweep.maps.held_fixed import cell_names
-from bow_sweep.maps.limits import LABELS, drawn
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import NOT_COMPUTED, TEST_LAYERS, Plane, Snapshot, upright
 from bow_sweep.view.codes import Meaning, Motion, layer_codes, layer_meanings, terrain_meanings
 from bow_sweep.view.decorations import (
