@@ -11,6 +11,7 @@ import numpy as np
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.record.bag import BagError, bag_files
@@ -182,9 +183,21 @@ class BagCells:
         """
         return bytes(self._chunks.read(place))
 
+    def verdicts(self, cell: int) -> dict[str, np.ndarray]:
+        """Return the recorded verdicts on a cell by the name of the field, (tests,) each."""
+        block, row, tests = self.block_of(cell), int(self._row[cell]), self.outline.chunks
+        out = {name: field.array((tests,)) for name, field in VERDICT_FIELDS.items()}
+        for chunk in range(tests):
+            found = None if block is None else self._survey.verdicts.get((block, chunk))
+            if found is not None:
+                for name, values in out.items():
+                    values[chunk] = found.layers[name][row]
+        return out
+
     def basin(self) -> Basin:
         """Return all recorded verdicts."""
-        basin = Basin(self.outline.x.count, self.outline.y.count, self.outline.chunks)
+        outline = self.outline
+        basin = Basin(outline.x.count, outline.y.count, outline.chunks, outline.repeats.count)
         for (block, chunk), verdict in sorted(self._survey.verdicts.items()):
             basin.take(chunk, self.outline.block(block), verdict.layers)
         return basin

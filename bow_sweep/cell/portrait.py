@@ -66,6 +66,9 @@ class Portrait:
         tests = record.tests
         values = ((record.x_name, record.x), (record.y_name, record.y))
         lines = [(name, f"{value:.6g} {unit_of(name)}".rstrip()) for name, value in values]
+        if record.repeat:
+            p = record.parameters
+            lines.append(("this repeat", f"f_asym {p.f_asym:.6g}, f_init_ratio {p.f_init_ratio:.6g}"))
         if len(tests.periods):
             sure = float(tests.confidence[-1])
             last = regime_label(tests.name()) + ("" if np.isnan(sure) else f", confidence {sure:.2f}")

@@ -12,6 +12,7 @@ from typing import Any
 
 from bow_sim.graph import environment
 from bow_sweep.cli.terminal import warn
+from bow_sweep.maps.reliability import in_words
 from bow_sweep.run.campaign import Campaign, report
 
 MENTIONED_S = 2.0
@@ -163,10 +164,15 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in found["regimes"].items() if count)
     predicted = found.get("cells_predicted", 0)
     whole = f"the map, of which {predicted} cells are predicted" if predicted else "them"
+    repeats = found.get("repeats")
+    if repeats:
+        whole = "the map"
+    number = f" ({cells['planned'] // (1 + repeats['repeats'])} of the map and their repeats)" if repeats else ""
     lines = [
-        f"{cells['done']} of {cells['planned']} cells in {found['wall_seconds']:.1f} s; "
+        f"{cells['done']} of {cells['planned']} cells{number} in {found['wall_seconds']:.1f} s; "
         f"Helmholtz motion in {found['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
+        *(in_words(repeats) if repeats else ()),
         *map(_left_out, left_out),
         "",
         f"{directory}/",

@@ -62,7 +62,7 @@ def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None
     progress
         Called with (cells done, cells) after each block.
     """
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks, sweep.repeats.count)
     done, blocks = 0, sweep.first_blocks
     while True:
         for number in range(done, blocks.count):

@@ -1,0 +1,70 @@
+"""A map of how sure a map is: which share of the repeats of each cell ends as the cell itself (PHYSICS.md 15)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from bow_sim.figures.page import MUTED
+from bow_sweep.figures.colours import GREY, viridis
+from bow_sweep.figures.layout import Layout, label, paint, percent
+from bow_sweep.maps.plane import Plane
+from bow_sweep.maps.reliability import RELIABLE, Reliability
+
+OUTLINE = "black"
+"""Colour of the lines around reliable cells."""
+
+
+def reliability_colours(shares: np.ndarray) -> np.ndarray:
+    """Return the colours of shares 0 ... 1, (..., 3) uint8: the brighter, the surer; grey where not known."""
+    colours = viridis(np.nan_to_num(shares))
+    colours[np.isnan(shares)] = GREY
+    return colours
+
+
+def draw_reliability(layout: Layout, plane: Plane, found: Reliability, left: float, top: float, *size: float) -> None:
+    """Draw the map of shares, with lines around the reliable cells, its scale, and what it says in numbers."""
+    ax = layout.axes(left, top, *size)
+    paint(ax, plane, reliability_colours(found.reliability))
+    _outline(ax, found.reliable)
+    repeats, jitter = plane.values.get("repeats", "?"), float(plane.values.get("jitter", "nan"))
+    ax.set_title(f"Reliability: {repeats} repeats of each cell, forces up to {100 * jitter:.4g} % off", loc="left")
+    label(ax, plane, "symbol", "symbol")
+    width, height = size
+    steps = np.linspace(0, 1, 256)
+    bar = layout.bar(reliability_colours(steps), (0, 1), left + width + 36, top, 30, height)
+    bar.axhline(RELIABLE, color=OUTLINE, linewidth=1.2)
+    bar.set_yticks([0, 0.25, 0.5, 0.75, RELIABLE, 1])
+    bar.set_ylabel("share of repeats that end alike", fontsize=8)
+    known, helmholtz = found.known, np.nan_to_num(plane.transient_periods) > 0
+    rows = [("reliable (line): at least 90 %", found.reliable, known)]
+    rows += [("of the cells with Helmholtz motion", found.reliable, known & helmholtz)]
+    rows += [("all repeats alike", np.nan_to_num(found.reliability) == 1, known)]
+    rows += [("not known", ~known, np.ones_like(known))] if not known.all() else []
+    for row, (words, which, of) in enumerate(rows):
+        at = top + 30 + 46 * row
+        layout.text(left + width + 215, at, words, va="center")
+        share = percent(float(which[of].mean())) if of.any() else "\u2013"
+        layout.text(left + width + 730, at, share, va="center", ha="right")
+    lengths = "cells with Helmholtz motion, 10th to 90th percentile of the transient:"
+    layout.text(left + width + 215, top + 30 + 46 * len(rows) + 30, lengths, va="center", color=MUTED, fontsize=7.5)
+    layout.text(left + width + 215, top + 30 + 46 * len(rows) + 68, _spread(found, known & helmholtz), va="center")
+
+
+def _spread(found: Reliability, where: np.ndarray) -> str:
+    """Return the median spread of transient lengths in some cells as text."""
+    low, high = found.transient_low[where], found.transient_high[where]
+    always = (low > 0) & (high > 0)
+    if not always.any():
+        return "\u2013"
+    words = f"median {np.median((high - low)[always]):.3g} periods wide"
+    never = percent(float(1 - always.mean()))
+    return words if always.all() else f"{words}; in {never} some repeats never have it"
+
+
+def _outline(ax: Axes, inside: np.ndarray) -> None:
+    """Draw the borders between cells that are `inside`, (ny, nx) bool, and others."""
+    lines = [((ix + 1, iy), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]
+    lines += [((ix, iy + 1), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[1:] != inside[:-1]).tolist()]
+    ax.add_collection(LineCollection(lines, colors=OUTLINE, linewidths=0.7))
