@@ -144,16 +144,20 @@ class BagCells:
         DamagedCell
             Where a message is missing, or its checksum does not hold.
         """
-        found = []
-        for topic, name in (("bridge_force", "BridgeForce"), ("stick_slip", "StickSlip")):
-            place = self._survey.places[topic].get((block, chunk))
-            if place is None:
-                raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
-            try:
-                found.append(self.outline.unseal(name, self._read(place)))
-            except (BagError, cdr.WireError, OSError) as error:
-                raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
-        return found[0], found[1]
+        return self._stream("bridge_force", "BridgeForce", block, chunk), self.stick_slip(block, chunk)
+
+    def stick_slip(self, block: int, chunk: int) -> dict[str, Any]:
+        """Return the fields of StickSlip of all cells of a block in a chunk; raises as :meth:`streams`."""
+        return self._stream("stick_slip", "StickSlip", block, chunk)
+
+    def _stream(self, topic: str, name: str, block: int, chunk: int) -> dict[str, Any]:
+        place = self._survey.places[topic].get((block, chunk))
+        if place is None:
+            raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
+        try:
+            return self.outline.unseal(name, self._read(place))
+        except (BagError, cdr.WireError, OSError) as error:
+            raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
 
     def force(self, cell: int, chunk: int) -> np.ndarray | None:
         """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.

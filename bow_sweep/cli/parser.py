@@ -14,6 +14,7 @@ from bow_sweep.cli import (
     inspect,
     nodes,
     recover,
+    repeats,
     replay,
     settings,
     sweep,
@@ -35,7 +36,10 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, settings):
+    for module in (
+        *(sweep, inspect, explore, transient, verify, replay, recover),
+        *(figure, validate, compare, repeats, settings),
+    ):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

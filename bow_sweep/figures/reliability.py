@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
-from bow_sim.figures.page import MUTED
-from bow_sweep.figures.colours import GREY, viridis
-from bow_sweep.figures.layout import Layout, label, paint, percent
+from bow_sim.figures.page import MUTED, check_path, save, style
+from bow_sweep.figures.colours import BLACK, GREY, transient_colours, viridis
+from bow_sweep.figures.layout import Layout, cell_pixels, label, paint, percent, titles
+from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Plane
 from bow_sweep.maps.reliability import RELIABLE, Reliability
+
+PANEL_PIXELS = (896, 448)
+"""Size of each map in the picture of the repeats."""
 
 OUTLINE = "black"
 """Colour of the lines around reliable cells."""
@@ -68,3 +75,72 @@ def _outline(ax: Axes, inside: np.ndarray) -> None:
     lines = [((ix + 1, iy), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]
     lines += [((ix, iy + 1), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[1:] != inside[:-1]).tolist()]
     ax.add_collection(LineCollection(lines, colors=OUTLINE, linewidths=0.7))
+
+
+def repeats_figure(plane: MapFile, parting: np.ndarray | None, dpi: float) -> Figure:
+    """Return maps of reliability, of the spread of transient lengths, and of the partings.
+
+    Parameters
+    ----------
+    plane
+        A map with repeats.
+    parting
+        (ny, nx) median over the repeats, periods, infinity = never; None: not known.
+    """
+    found = plane.reliability
+    assert found is not None
+    with style():
+        size = cell_pixels(plane, PANEL_PIXELS, dpi)
+        title, made = titles(plane)
+        left, top, down = 155.0, 151.0 + 34 * len(made), size[1] + 165
+        panels = 2 if parting is None else 3
+        layout = Layout(left + size[0] + 1010, top + panels * down - 20, dpi)
+        layout.text(left, 62, f"{title}: repeats", fontsize=13, fontweight="bold")
+        for number, line in enumerate(made):
+            layout.text(left, 112 + 34 * number, line, color=MUTED)
+        draw_reliability(layout, plane, found, left, top, *size)
+        low, high = found.transient_low, found.transient_high
+        width = np.where((low > 0) & (high > 0), high - low, np.where(np.isnan(low), np.nan, np.inf))
+        spread = "Spread of the transient, 10th to 90th percentile"
+        _numbers(layout, plane, width, (spread, "width (periods)", "not in all repeats"), left, top + down, *size)
+        if parting is not None:
+            words = ("Parting of the motions, median over the repeats", "parting (periods)", "never")
+            _numbers(layout, plane, parting, words, left, top + 2 * down, *size)
+    return layout.figure
+
+
+def draw_repeats(plane: MapFile, parting: np.ndarray | None, path: str | Path, dpi: float = 200) -> None:
+    """Draw what repeats say of a map into a file, see :func:`repeats_figure`; readers see the old or the complete one.
+
+    Raises
+    ------
+    FigureError
+        For another suffix than .png, .svg and .pdf.
+    """
+    check_path(path)
+    save(repeats_figure(plane, parting, dpi), path)
+
+
+def _numbers(
+    layout: Layout, plane: Plane, values: np.ndarray, words: tuple[str, str, str], left: float, top: float, *size: float
+) -> None:
+    """Draw a map of numbers from 0 to the length of a simulation: bright = small, black = infinity, grey = not known.
+
+    `words` are the title, that of the scale, and what infinity means.
+    """
+    title, unit, infinite = words
+    most = plane.periods
+    colours = transient_colours(np.where(np.isinf(values), 0, np.maximum(values, most / 1000)), most)
+    ax = layout.axes(left, top, *size)
+    paint(ax, plane, colours)
+    ax.set_title(title, loc="left")
+    label(ax, plane, "symbol", "symbol")
+    width, height = size
+    steps = np.linspace(most / 256, most, 256)
+    bar = layout.bar(transient_colours(steps, most), (0, most), left + width + 36, top, 30, height)
+    bar.set_ylabel(unit, fontsize=8)
+    never = np.isinf(values)
+    known = ~np.isnan(values)
+    layout.swatch(BLACK, left + width + 215, top + 13, 34, 34)
+    share = percent(float(never[known].mean())) if known.any() else "\u2013"
+    layout.text(left + width + 263, top + 30, f"{infinite}  {share}", va="center")

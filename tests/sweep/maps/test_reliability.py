@@ -12,9 +12,10 @@ import recording
 from recording import whats
 from small_graph import SmallGraph
 
-from bow_sweep.cell.parting import parting
+from bow_sweep.cell.parting import median_parting, onsets_of, parting, partings
 from bow_sweep.cell.run_cells import RunCells
-from bow_sweep.figures.reliability import reliability_colours
+from bow_sweep.cli import main
+from bow_sweep.figures.reliability import draw_repeats, reliability_colours, repeats_figure
 from bow_sweep.maps.map_file import MapFileError, read_map
 from bow_sweep.maps.reliability import Reliability, in_words
 from bow_sweep.plan.sweep import Sweep
@@ -175,6 +176,51 @@ def test_motions_part_at_the_first_slip_that_begins_more_than_three_samples_apar
     assert parting(one, replace(base, onsets=onsets + np.array([0, 3, -4])), 139) == 374 / 139
     assert parting(one, replace(base, onsets=onsets[:2]), 139) == 378 / 139
     assert parting(replace(base, onsets=onsets[:0]), one, 139) == 100 / 139
+
+
+def test_the_partings_of_a_run_are_those_of_its_waveforms(repeated: Path, tmp_path: Path) -> None:
+    with RunCells(repeated) as cells:
+        assert cells.bag is not None
+        found = partings(cells.bag)
+        records = [cells.record(cell, "bag") for cell in range(48)]
+        for block, numbers in ((0, range(5)), (3, range(15, 20))):
+            for onsets, number in zip(onsets_of(cells.bag, block), numbers, strict=True):
+                assert onsets.tolist() == records[number].onsets.tolist()
+    assert found.shape == (3, 3, 4)
+    expected = [parting(records[cell % 12], records[cell], 139) for cell in range(12, 48)]
+    assert found.ravel().tolist() == np.float32(expected).tolist()
+    assert 0 < np.isfinite(found).mean() <= 1
+
+
+def test_the_median_of_partings_is_one_of_them_and_never_is_the_last() -> None:
+    inf, nan = np.inf, np.nan
+    columns = np.array([[3, 1, 2], [inf, 1, inf], [4, 1, nan], [nan, nan, nan], [2, 8, 4]], np.float32).T
+    assert median_parting(columns[:, None])[0].tolist()[:3] == [2, inf, 1]
+    assert np.isnan(median_parting(columns[:, None])[0, 3])
+    assert median_parting(columns[:, None])[0, 4] == 4
+
+
+def test_the_picture_of_the_repeats_says_where_motions_never_part(repeated: Path, tmp_path: Path) -> None:
+    plane = read_map(repeated)
+    parted = np.full((3, 4), 10.0)
+    parted[0, 0], parted[2, 3] = np.inf, np.nan
+    texts = [text.get_text() for text in repeats_figure(plane, parted, 50).texts]
+    assert "never  9.1 %" in texts
+    draw_repeats(plane, None, tmp_path / "repeats.png")
+    assert (tmp_path / "repeats.png").stat().st_size > 1000
+
+
+def test_the_command_says_what_the_repeats_say(repeated: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["repeats", str(repeated), "--npz", str(tmp_path / "p.npz")]) == 0
+    said = capsys.readouterr().out
+    assert "3 repeats with forces up to 20 % off: reliable in" in said
+    assert "motions part after" in said
+    with np.load(tmp_path / "p.npz") as file:
+        assert file["parting"].shape == (3, 3, 4)
+    plain = tmp_path / "plain"
+    SmallGraph(plain, recording.small_sweep()).run()
+    assert main(["repeats", str(plain)]) == 2
+    assert "its cells were not repeated; sweep again with --set repeats=8" in capsys.readouterr().err
 
 
 def test_the_surer_a_cell_the_brighter_and_unknown_is_grey() -> None:
