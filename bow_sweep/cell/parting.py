@@ -90,7 +90,8 @@ def onsets_of(bag: BagCells, block: int) -> list[Onsets]:
     rows, onsets = [], []
     for chunk in range(bag.outline.chunks):
         slips = bag.stick_slip(block, chunk)
-        row = np.repeat(np.arange(len(slips["offsets"]) - 1), np.diff(np.asarray(slips["offsets"], np.int64)))
+        offsets = np.asarray(slips["offsets"], np.int64)
+        row = np.repeat(np.arange(len(offsets) - 1), offsets[1:] - offsets[:-1])
         onset = np.asarray(slips["onset"], np.int64)
         fresh = (onset > 0) | ~np.asarray(slips["slipping"], bool)[row]  # else the slip began in the chunk before
         fresh |= chunk == 0

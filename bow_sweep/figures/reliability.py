@@ -34,7 +34,7 @@ def draw_reliability(layout: Layout, plane: Plane, found: Reliability, left: flo
     """Draw the map of shares, with lines around the reliable cells, its scale, and what it says in numbers."""
     ax = layout.axes(left, top, *size)
     paint(ax, plane, reliability_colours(found.reliability))
-    _outline(ax, found.reliable)
+    _outline(ax, found.reliable, min(0.8, size[0] / found.reliable.shape[1] / 16))
     repeats, jitter = plane.values.get("repeats", "?"), float(plane.values.get("jitter", "nan"))
     ax.set_title(f"Reliability: {repeats} repeats of each cell, forces up to {100 * jitter:.4g} % off", loc="left")
     label(ax, plane, "symbol", "symbol")
@@ -70,11 +70,11 @@ def _spread(found: Reliability, where: np.ndarray) -> str:
     return words if always.all() else f"{words}; in {never} some repeats never have it"
 
 
-def _outline(ax: Axes, inside: np.ndarray) -> None:
-    """Draw the borders between cells that are `inside`, (ny, nx) bool, and others."""
+def _outline(ax: Axes, inside: np.ndarray, width: float) -> None:
+    """Draw the borders between cells that are `inside`, (ny, nx) bool, and others; `width` in points."""
     lines = [((ix + 1, iy), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]
     lines += [((ix, iy + 1), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[1:] != inside[:-1]).tolist()]
-    ax.add_collection(LineCollection(lines, colors=OUTLINE, linewidths=0.7))
+    ax.add_collection(LineCollection(lines, colors=OUTLINE, linewidths=width))
 
 
 def repeats_figure(plane: MapFile, parting: np.ndarray | None, dpi: float) -> Figure:
