@@ -14,6 +14,7 @@ validate      `bow validate`
 compare       `bow compare`
 explore       `bow explore`
 repeats       `bow repeats`
+export        `bow export`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user

@@ -10,6 +10,7 @@ from bow_sim.graph import environment
 from bow_sweep.cli import (
     compare,
     explore,
+    export,
     figure,
     inspect,
     nodes,
@@ -36,10 +37,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (
-        *(sweep, inspect, explore, transient, verify, replay, recover),
-        *(figure, validate, compare, repeats, settings),
-    ):
+    single, whole = (inspect, explore, transient), (verify, replay, recover, figure, validate, compare, repeats, export)
+    for module in (sweep, *single, *whole, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

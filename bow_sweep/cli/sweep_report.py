@@ -117,7 +117,7 @@ def print_campaign(campaign: Campaign, directory: Path, left_out: Sequence[Path]
     for preset, run in found["runs"].items():
         length = run["median_transient_periods"]
         _print(
-            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
+            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {_of_plane(run)} cells"
             + (f", median transient {length:g} periods" if length else "")
         )
     cells = found["cells"]
@@ -159,6 +159,11 @@ def _left_out(log: Path) -> str:
     return f"without {log.stem} to its end: see {log}"
 
 
+def _of_plane(found: dict[str, Any]) -> int:
+    """Return how many cells of the plane a run has planned, from its report."""
+    return int(found["cells"]["planned"]) // (1 + found.get("repeats", {"repeats": 0})["repeats"])
+
+
 def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -> str:
     cells = found["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in found["regimes"].items() if count)
@@ -167,7 +172,7 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
     repeats = found.get("repeats")
     if repeats:
         whole = "the map"
-    number = f" ({cells['planned'] // (1 + repeats['repeats'])} of the map and their repeats)" if repeats else ""
+    number = f" ({_of_plane(found)} of the map and their repeats)" if repeats else ""
     lines = [
         f"{cells['done']} of {cells['planned']} cells{number} in {found['wall_seconds']:.1f} s; "
         f"Helmholtz motion in {found['helmholtz_fraction']:.3f} of {whole}",
