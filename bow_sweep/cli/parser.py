@@ -15,6 +15,7 @@ from bow_sweep.cli import (
     inspect,
     nodes,
     recover,
+    repeats,
     replay,
     settings,
     sweep,
@@ -36,8 +37,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    shown = sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, export, settings
-    for module in shown:
+    single, whole = (inspect, explore, transient), (verify, replay, recover, figure, validate, compare, repeats, export)
+    for module in (sweep, *single, *whole, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

@@ -67,7 +67,7 @@ def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None
         Number of blocks that are computed at a time, each by a thread: kernel and classifier run without Python's lock.
         The verdicts do not depend on it.
     """
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks, sweep.repeats.count)
     done, blocks = 0, sweep.first_blocks
     stop = Event()
 
