@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from bow_sim.graph import environment
 from bow_sweep.cli import (
     compare,
+    edges,
     explore,
+    exponent,
     figure,
     inspect,
     nodes,
@@ -35,7 +37,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, settings):
+    explored = (sweep, inspect, explore, transient, edges, exponent)
+    for module in (*explored, verify, replay, recover, figure, validate, compare, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top
