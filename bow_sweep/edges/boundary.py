@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -145,6 +146,8 @@ def _positions(axes: tuple[PlotAxis, PlotAxis], place: dict[str, float]) -> dict
         axis = by_name[name]
         low, high = sorted((float(axis.values[0]), float(axis.values[-1])))
         position = axis.position(value) if axis.scale != "log" or value > 0 else -1.0
+        if axis.count == 1 and not math.isclose(value, low, rel_tol=1e-3):
+            raise EdgesError(f"{name} = {value:g}: the map has {low:g} only")
         if not 0 <= position <= axis.count:
             raise EdgesError(f"{name} = {value:g}: the map reaches from {low:g} to {high:g}")
         positions[name] = position

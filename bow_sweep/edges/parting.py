@@ -19,9 +19,10 @@ DECIDES_WITHIN = 2
 UNSTABLE_SLOPE = 1.0
 """Periods by which the parting of an *unstable* motion is later, at least, where the bracket is narrower by e."""
 
-FIRST_HALVING, FEWEST = 12, 8
-"""The slope is fitted to the halvings from this one on, whose brackets are below 1/8000 of a cell; to the last eight
-that have a parting where these are fewer."""
+FIRST_HALVING, FEWEST, DIFFERENT = 12, 8, 4
+"""The slope is fitted to the halvings from this one on, whose brackets are at most 1/4096 of a cell; to the last eight
+that have a parting where these are fewer. It is 0 unless there are four different partings among them: one that moves
+once or twice is not later and later."""
 
 KINDS = ("decision", "grain", "unstable", "threshold")
 """Kinds of edges.
@@ -88,8 +89,7 @@ def _rms(a: NDArray[np.float32], b: NDArray[np.float32], period: int) -> NDArray
 def slope_of(width: NDArray[np.float64], period: NDArray[np.int64]) -> float:
     """Return by how many periods the parting is later where the bracket is narrower by e; 0 where that is not known.
 
-    It is the median of the slopes between all pairs of halvings (Theil and Sen), which one change of the deciding step
-    does not move.
+    It is the median of the slopes between all pairs of halvings (Theil and Sen).
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def slope_of(width: NDArray[np.float64], period: NDArray[np.int64]) -> float:
     parted = np.flatnonzero((period >= 0) & (width > 0))
     narrow = parted[parted >= FIRST_HALVING]
     used = narrow if len(narrow) >= FEWEST else parted[-FEWEST:]
-    if len(used) < FEWEST:
+    if len(used) < FEWEST or len(np.unique(period[used])) < DIFFERENT:
         return 0.0
     i, j = np.triu_indices(len(used), 1)
     narrower = np.log(width[used[i]]) - np.log(width[used[j]])

@@ -75,11 +75,11 @@ def test_the_exponent_of_steady_sliding_is_that_of_the_loop() -> None:
 def test_the_linearised_motion_is_that_of_two_motions_a_little_apart(
     p: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    n, skip, apart = p.period, 20, 1e-7
+    n, skip, apart, contact = p.period, 20, 1e-7, scalar_string.Contact
     kick = np.random.default_rng(3).uniform(-1, 1, n)
 
     def kicked(size: float) -> dict[str, np.ndarray]:
-        class Kicked(scalar_string.Contact):
+        class Kicked(contact):
             step = -skip * n
 
             def solve(self, d: float, f_b: float) -> float:
