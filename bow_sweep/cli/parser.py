@@ -12,6 +12,7 @@ from bow_sweep.cli import (
     edges,
     explore,
     exponent,
+    export,
     figure,
     inspect,
     nodes,
@@ -37,8 +38,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    explored = (sweep, inspect, explore, transient, edges, exponent)
-    for module in (*explored, verify, replay, recover, figure, validate, compare, settings):
+    looked_at = sweep, inspect, explore, transient, edges, exponent, figure, validate, compare
+    for module in (*looked_at, verify, replay, recover, export, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top
