@@ -110,7 +110,7 @@ def slope_of(width: NDArray[np.float64], period: NDArray[np.int64]) -> float:
 def kind_of(steps: NDArray[np.int64], period: int, slope: float, nominal: int) -> int:
     """Return the kind of an edge, an index into `KINDS`.
 
-    An edge whose deciding step has not moved in the second half of the halvings is not *unstable*.
+    An edge whose deciding step is there, and has not moved in the second half of the halvings, is not *unstable*.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def kind_of(steps: NDArray[np.int64], period: int, slope: float, nominal: int) -
         Period of the string, samples.
     """
     step = int(steps[-1])
-    if slope > UNSTABLE_SLOPE and step != steps[len(steps) // 2]:
+    if slope > UNSTABLE_SLOPE and (step < 0 or step != steps[len(steps) // 2]):
         return UNSTABLE
     if period < 0:
         return THRESHOLD

@@ -80,7 +80,10 @@ def test_the_kind_of_an_edge_follows_from_its_partings() -> None:
     assert kind([N * p for p in later], later) == "unstable"
     beyond = [p if p < 60 else -1 for p in later]
     assert kind([N * p if p < 60 else -1 for p in later], beyond) == "unstable"
-    assert kind(steady, later) != "unstable"  # what decides does not move
+    soon = [8 * i if i < 12 else -1 for i in range(45)]
+    assert kind([N * p if p >= 0 else -1 for p in soon], soon) == "unstable"
+    assert kind([N * p if p >= 0 else 80 for p in soon], soon) == "threshold"  # what decides does not move any more
+    assert kind(steady, later) != "unstable"
     once = [15] * 26 + [70] * 19
     assert kind([N * p for p in once], once) == "decision"  # it has moved once, not again and again
 
