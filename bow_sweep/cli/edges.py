@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from bow_sweep.cli.inspect import values_in
 from bow_sweep.cli.terminal import fail, warn
-from bow_sweep.processes.exit_status import DONE, FAILED
+from bow_sweep.processes.exit_status import DONE, FAILED, USAGE
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,7 +66,7 @@ def _edges(args: argparse.Namespace) -> int:
     from bow_sweep.cell.run_cells import RunCells
     from bow_sweep.cell.waveform import CellError
     from bow_sweep.edges.bisection import bisect
-    from bow_sweep.edges.boundary import EdgesError, edges_of
+    from bow_sweep.edges.boundary import EdgesError, NoEdges, edges_of
     from bow_sweep.processes.progress import percentages
 
     target = args.out or args.run_directory
@@ -79,7 +79,7 @@ def _edges(args: argparse.Namespace) -> int:
         chosen = _chosen(args, everything, found)
         edges = bisect(sweep, everything.only(chosen), args.outcome, args.halvings, percentages("bisecting"))
     except EdgesError as error:
-        return fail(f"{args.run_directory}: {error}", FAILED)
+        return fail(f"{args.run_directory}: {error}", FAILED if isinstance(error, NoEdges) else USAGE)
     except (CellError, ParameterError, _Wrong) as error:
         return fail(str(error))
     if edges.unlike:

@@ -21,6 +21,10 @@ class EdgesError(ValueError):
     """Edges cannot be had as asked; the message says what, where, and what would be right."""
 
 
+class NoEdges(EdgesError):
+    """There is no edge where edges were asked for."""
+
+
 @dataclass(frozen=True, eq=False)
 class Boundary:
     """Edges of a map; arrays of shape (edges,).
@@ -65,7 +69,9 @@ def edges_of(found: MapFile, outcome: str, along: str = "both") -> Boundary:
     Raises
     ------
     EdgesError
-        Where no axis that was asked for can be bisected, or no two neighbours differ.
+        Where no axis that was asked for can be bisected.
+    NoEdges
+        Where no two neighbours differ.
     """
     ways = [way for way in ALONG if along in (way, "both")]
     whole = {way: name for way in ways if TYPES.get(name := getattr(found, f"{way}_name")) is int}
@@ -92,7 +98,7 @@ def edges_of(found: MapFile, outcome: str, along: str = "both") -> Boundary:
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)] if parts else [np.zeros(0, int)] * 3
     if not len(columns[0]):
         where = f"along {ways[0]}" if len(ways) == 1 else "along x or y"
-        raise EdgesError(f"no two neighbouring cells {where} differ in outcome ({outcome}): there is no edge")
+        raise NoEdges(f"no two neighbouring cells {where} differ in outcome ({outcome}): there is no edge")
     return Boundary(*columns)
 
 
@@ -125,14 +131,16 @@ def in_row(edges: Boundary, axes: tuple[PlotAxis, PlotAxis], place: dict[str, fl
     Raises
     ------
     EdgesError
-        For a name that is no axis of the map, a value beyond it, or a row without edges.
+        For a name that is no axis of the map, or a value beyond it.
+    NoEdges
+        Where the row has none.
     """
     ((name, position),) = _positions(axes, place).items()
     number = [axis.name for axis in axes].index(name)
     row = int(np.clip(np.floor(position), 0, axes[number].count - 1))
     found = np.flatnonzero(((edges.ix, edges.iy)[number] == row) & (edges.along == 1 - number))
     if not len(found):
-        raise EdgesError(f"no two neighbouring cells with {name} = {axes[number].values[row]:g} differ in outcome")
+        raise NoEdges(f"no two neighbouring cells with {name} = {axes[number].values[row]:g} differ in outcome")
     return found
 
 

@@ -75,7 +75,7 @@ def test_the_exponent_of_steady_sliding_is_that_of_the_loop() -> None:
 def test_the_linearised_motion_is_that_of_two_motions_a_little_apart(
     p: Parameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    n, skip, apart, contact = p.period, 20, 1e-7, scalar_string.Contact
+    n, skip, apart, contact = p.period, 10, 1e-7, scalar_string.Contact
     kick = np.random.default_rng(3).uniform(-1, 1, n)
 
     def kicked(size: float) -> dict[str, np.ndarray]:
