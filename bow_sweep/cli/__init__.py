@@ -6,6 +6,8 @@ sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
 inspect       `bow inspect`
 transient     `bow transient`
+edges         `bow edges`
+exponent      `bow exponent`
 verify        `bow verify`
 replay        `bow replay`
 recover       `bow recover`
