@@ -29,6 +29,8 @@ class CellTests:
         uint16, number in the five periods before the test.
     helmholtz
         bool: whether all three tests passed.
+    beat
+        float32, nominal periods: of a wolf; NaN = none, or not kept.
     """
 
     periods: np.ndarray
@@ -39,6 +41,7 @@ class CellTests:
     slips: np.ndarray
     corners: np.ndarray
     helmholtz: np.ndarray
+    beat: np.ndarray
     regime_names: tuple[str, ...]
 
     def name(self, test: int = -1) -> str:

@@ -63,7 +63,7 @@ def judged(sweep: Sweep, cell: int) -> tuple[CellTests, float]:
     basin = Basin(1, 1, sweep.chunks)
     for test, verdict in enumerate(verdicts(sweep.parameters, lanes(sweep, np.array([cell])), sweep.thresholds)):
         basin.take(test, np.zeros(1, int), verdict._asdict())
-    layers: dict[str, Any] = {name: layer[:, 0] for name, layer in basin.layers.items()}
+    layers: dict[str, Any] = {name: layer[:, 0] for name, layer in basin.layers.items() if name != "transient"}
     periods = np.arange(1, sweep.chunks + 1) * CHUNK_PERIODS
     passed = is_helmholtz(layers["regime"])
     tests = CellTests(periods=periods, helmholtz=passed, regime_names=tuple(REGIMES), **layers)

@@ -305,6 +305,7 @@ class RunCells:
         tests = len(found.test_periods)
         regime = np.full(tests, PENDING, np.uint8)
         confidence = np.full(tests, np.nan, np.float32)
+        beat = confidence if found.beat is None else found.beat[:, iy, ix].copy()
         if found.regimes is not None and found.confidence is not None:
             regime, confidence = found.regimes[:, iy, ix].copy(), found.confidence[:, iy, ix].copy()
         elif tests:
@@ -317,6 +318,7 @@ class RunCells:
             regime=regime,
             confidence=confidence,
             helmholtz=found.helmholtz[:, iy, ix].copy(),
+            beat=beat,
             regime_names=found.regime_names,
             **layers,
         )

@@ -17,13 +17,14 @@ import numpy as np
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
-from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_classifier.verdict.regimes import REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.atomic_files import replacing
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+from bow_sweep.maps.basin_map import transient_lengths
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
 from bow_sweep.record.mcap_reader import Scan
@@ -218,13 +219,13 @@ def replay(
 
 
 def _summary(layers: dict[str, np.ndarray]) -> dict[str, Any]:
-    passed = (is_helmholtz(layers["regime"]) & layers["tested"]).any(axis=0)
+    lengths = transient_lengths(layers["regime"], layers["transient"])
     tests = layers["tested"].sum(axis=0)
     latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))][tests > 0]
     counts = np.bincount(latest, minlength=len(REGIMES))
     return {
         "cells": int(np.count_nonzero(tests)),
-        "helmholtz_fraction": float(passed.mean()),
+        "helmholtz_fraction": float((lengths > 0).mean()),
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
     }
 

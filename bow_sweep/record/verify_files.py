@@ -17,7 +17,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays
+from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays, of_all_tests
 from bow_sweep.maps.playability import playability
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.run.directory import LEDGER, REPORT, findings
@@ -38,15 +38,18 @@ _EVENTS = {"done": BlockState.DONE, "quarantined": BlockState.QUARANTINED, "reop
 _STATES = {0: "outstanding", BlockState.DONE: "done", BlockState.QUARANTINED: "quarantined"}
 
 
-def transient_lengths(passed: np.ndarray) -> np.ndarray:
-    """Return the transient lengths, (cells,) float32 periods, 0 = never.
+def transient_lengths(passed: np.ndarray, stated: np.ndarray) -> np.ndarray:
+    """Return the transient lengths of cells that are done, (cells,) float32 periods, 0 = never.
 
     Parameters
     ----------
     passed
         (tests, cells) bool: whether the tests found Helmholtz motion.
+    stated
+        (tests, cells) float32: what the verdicts give as transient; NaN unless the gesture is Guettler's.
     """
-    return np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+    by_tests = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+    return np.where(np.isnan(stated[-1]), by_tests, stated[-1])
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,8 @@ class FileChecks:
         expected, layers = self.expected, self.survey.layers()
         plan = self._plan()
         passed = is_helmholtz(layers["regime"])
-        length = np.where(self.done, transient_lengths(passed), np.float32(np.nan)).reshape(expected.shape)
+        length = np.where(self.done, transient_lengths(passed, layers["transient"]), np.float32(np.nan))
+        length = length.reshape(expected.shape)
         if expected.planned.adaptive:
             length = np.where(expected.planned.planned.reshape(expected.shape), length, fill(length))
         cube = (expected.chunks, *expected.shape)
@@ -122,7 +126,7 @@ class FileChecks:
             transient_periods=length,
             regime=np.where(self.done, layers["regime"][-1], np.uint8(PENDING)).reshape(expected.shape),
             simulated=self.done.reshape(expected.shape) if expected.planned.adaptive else None,
-            **tests,
+            **of_all_tests(tests),
         )
 
     def _arrays(self, path: Path, result: MapFile) -> None:
@@ -176,7 +180,7 @@ class FileChecks:
             "cells": cells,
             **{name: counts[name] for name in ("cells_predicted", "samples")},
             "rounds": len(planned.rounds),
-            **findings(result.transient_periods, result.regime.ravel()[self.done]),
+            **findings(result.transient_periods, result.regime.ravel()[self.done], self.expected.parameters.gesture),
             "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
             "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
         }

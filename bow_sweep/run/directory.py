@@ -208,7 +208,9 @@ class Run:
             "quarantined_blocks": {str(block): why for block, why in self.quarantined.items()},
             "attempts": sum(block.attempt for block in self.ledger.blocks),
             "epoch": self.ledger.epoch,
-            **findings(self.transient_periods(basin), basin.latest("regime")[self.done()]),
+            **findings(
+                self.transient_periods(basin), basin.latest("regime")[self.done()], self.sweep.parameters.gesture
+            ),
             "wall_seconds": wall_seconds,
             "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
             "versions": _versions(),
@@ -232,7 +234,7 @@ def digest(path: Path) -> str | None:
     return xxhash.xxh3_64_hexdigest(path.read_bytes()) if path.is_file() else None
 
 
-def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, Any]:
+def findings(transient_periods: np.ndarray, regimes: np.ndarray, gesture: str) -> dict[str, Any]:
     """Return the entries of a report that follow from the map.
 
     Parameters
@@ -241,10 +243,14 @@ def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, An
         (ny, nx), see :meth:`Run.transient_periods`.
     regimes
         (cells that are done,) codes at the latest test.
+    gesture
+        Of the sweep. For *guettler* there is also the share of cells whose transient is perfect, less than a period.
     """
     length = np.nan_to_num(transient_periods)
     counts = np.bincount(regimes, minlength=len(REGIMES))[: len(REGIMES)]
+    perfect = {"perfect_fraction": float(np.mean((length > 0) & (length < 1)))} if gesture == "guettler" else {}
     return {
+        **perfect,
         "helmholtz_fraction": float(np.mean(length > 0)),
         "median_transient_periods": float(np.median(length[length > 0])) if length.any() else None,
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},
