@@ -50,6 +50,11 @@ def config_files() -> list[tuple[str, list[str]]]:
     return [(str(folder), sorted(str(path) for path in folder.iterdir() if path.is_file())) for folder in folders]
 
 
+def ros_wheels() -> list[str]:
+    """ROS 2 from PyPI, as requirements.txt has it, for those who install wheels of bow and bow_msgs: bow[ros]."""
+    return [line.strip() for line in Path("requirements.txt").read_text().splitlines() if line.startswith("ros-")]
+
+
 stop_without_messages()
 console_scripts, shims = executables()
 setup(
@@ -58,7 +63,7 @@ setup(
     description="Basin maps of the bowed string, swept on a ROS 2 graph",
     license="Apache-2.0",
     python_requires=">=3.10",
-    packages=find_packages(include=["bow_sim*", "bow_classifier*", "bow_sweep*"]),
+    packages=find_packages(include=["bow", "bow.*", "bow_sim*", "bow_classifier*", "bow_sweep*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/bow"]),
         ("share/bow", ["package.xml"]),
@@ -85,7 +90,13 @@ setup(
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10
     ],
     extras_require={
+        "ros": ros_wheels(),
         "explore": ["bokeh>=3.9,<4"],  # `bow explore`; `make setup` installs it
+        "data": [
+            "xarray>=2024.1",
+            "h5netcdf>=1.3",
+            "h5py>=3.8",
+        ],  # netCDF; `make setup` installs it
     },
     package_data={"bow_sweep.explore": ["page.js"]},
     entry_points={"console_scripts": [f"{name} = {target}" for name, target in console_scripts.items()]},

@@ -180,7 +180,7 @@ class Block:
 
     def _make_body(self, described: Cells) -> Body | None:
         """Return the modes of the body behind the bridge of each cell, or one body that all share; None for none."""
-        bodies = [e.body for e in described.ends if e.body is not None]
+        bodies = described.bodies
         if not bodies:
             return None
         filters = [resonators(b.modes, b.sample_rate) for b in bodies]

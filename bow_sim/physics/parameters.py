@@ -109,6 +109,9 @@ class Parameters:
     body_modes: str = text(
         "PHYSICS.md 11", "modes of a body of your own: f/Q/m, f/Q/m, ... in Hz and kg, or k0.01 for m"
     )
+    body_changes: str = text(
+        "PHYSICS.md 11", "single modes of the body that differ: body_1_f=440 body_2_q=30 ..., settings of their own"
+    )
     body_scale: float = number(1.0, 0, 1000, "", "PHYSICS.md 11", "factor on the mobility of all modes of the body")
     hair_k: float = number(0.0, 0, 1e12, "N/m", "PHYSICS.md 12", "spring of the bow hair")
     hair_r: float = number(0.0, 0, 1e12, "kg/s", "PHYSICS.md 12", "dashpot of the bow hair; 0: a rigid bow")
@@ -163,7 +166,10 @@ class Parameters:
             raise ParameterError(f"{path}hair_r = {self.hair_r!r}: needs SI units, and there is no z_0: {right}")
         if self.body_modes and self.body != "none":
             raise ParameterError(f"{path}body_modes: must be empty with body = {self.body!r}; give one of them")
-        body.modes(self.body, self.body_modes, self.sample_rate, self.period, self.z_0, self.body_scale, path)
+        try:
+            body.modes_of(self)
+        except ParameterError as error:
+            raise ParameterError(f"{path}{error}") from None
 
     @property
     def has_torsion(self) -> bool:
@@ -224,10 +230,13 @@ class Parameters:
         given = {str(key): value for key, value in mapping.items()}
         values: dict[str, Any] = instruments.take_presets(given, path)
         si = {key: given.pop(key) for key in instruments.SI & given.keys()}
+        single = {key: given.pop(key) for key in list(given) if body.mode_setting(key)}
         for key, value in given.items():
             if key not in FIELDS:
                 raise ParameterError(f"{path}{key} = {value!r}: unknown parameter{_nearest(key)}")
             values[key] = coerce(key, value, path)
+        if single:
+            values["body_changes"] = body.changed(values.get("body_changes", base.body_changes), single, path)
         everything = {name: getattr(base, name) for name in FIELDS} | values
         values |= instruments.in_paper_units(si, values, everything, path)
         try:
@@ -265,6 +274,15 @@ FLOATS: frozenset[str] = frozenset(name for name, kind in TYPES.items() if kind 
 
 SWEEPABLE: frozenset[str] = FLOATS | {"bow_bridge", "torsion_half"}
 """The fields that may differ between the cells of a sweep: all numbers but those that set its length."""
+
+
+def is_sweepable(name: str) -> bool:
+    """Return whether a setting may differ between cells: a number, in the paper's units or SI, or one of a mode."""
+    return name in SWEEPABLE or name in instruments.SI or body.mode_setting(name) is not None
+
+
+SWEEPABLE_NAMES = ", ".join([*sorted(SWEEPABLE | instruments.SI.keys()), *(f"body_1_{kind}" for kind in body.KINDS)])
+"""The names for which :func:`is_sweepable` holds, for error messages; ``body_2_f`` and so on too."""
 
 
 def coerce(name: str, value: object, path: str = "") -> Any:
@@ -308,7 +326,8 @@ def coerce(name: str, value: object, path: str = "") -> Any:
 def _nearest(key: str) -> str:
     import difflib
 
-    close = difflib.get_close_matches(key, [*FIELDS, *instruments.SI, *instruments.PRESETS], n=1)
+    known = [*FIELDS, *instruments.SI, *instruments.PRESETS, *(f"body_1_{kind}" for kind in body.KINDS)]
+    close = difflib.get_close_matches(key, known, n=1)
     return f"; did you mean {close[0]}?" if close else f"; the parameters are {', '.join(sorted(FIELDS))}"
 
 

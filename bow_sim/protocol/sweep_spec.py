@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.instruments import SI
-from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters, parse_settings
+from bow_sim.physics.parameters import SWEEPABLE_NAMES, TYPES, Parameters, is_sweepable, parse_settings
 from bow_sim.protocol.limits import MAX_CELLS
 
 GROUPS = ("x", "y", "classifier")
@@ -31,7 +30,7 @@ class Axis:
     Attributes
     ----------
     name
-        One of :data:`bow_sim.physics.parameters.SWEEPABLE`.
+        One for which :func:`bow_sim.physics.parameters.is_sweepable` holds.
     scale
         "log" or "linear".
     first, last
@@ -92,9 +91,8 @@ class Axis:
 
     def _check(self, key: str) -> None:
         """Raise ParameterError, which names the setting, for an axis that cannot be."""
-        if self.name not in SWEEPABLE | SI.keys():
-            known = ", ".join(sorted(SWEEPABLE | SI.keys()))
-            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {known}")
+        if not is_sweepable(self.name):
+            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {SWEEPABLE_NAMES}")
         if self.scale not in ("log", "linear"):
             raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
         if not 1 <= self.count <= MAX_CELLS:

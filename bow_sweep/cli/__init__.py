@@ -13,6 +13,7 @@ figure        `bow figure`
 validate      `bow validate`
 compare       `bow compare`
 explore       `bow explore`
+export        `bow export`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user

@@ -10,6 +10,7 @@ from bow_sim.graph import environment
 from bow_sweep.cli import (
     compare,
     explore,
+    export,
     figure,
     inspect,
     nodes,
@@ -35,7 +36,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for module in (sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, settings):
+    shown = sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, export, settings
+    for module in shown:
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
 import textwrap
 from typing import Any
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import Parameters
+from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
 
@@ -19,10 +21,17 @@ SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a refle
 def add_command(commands: Any) -> None:
     """Add the parser of `settings`; its default `run` takes the parsed arguments."""
     about = "list every setting, its default, unit, range and source"
-    commands.add_parser("settings", help=about, description=about).set_defaults(run=_settings)
+    parser = commands.add_parser("settings", help=about, description=about)
+    parser.add_argument(
+        "--schema", action="store_true", help="print the JSON Schema of preset files instead, for an editor"
+    )
+    parser.set_defaults(run=_settings)
 
 
-def _settings(_: argparse.Namespace) -> int:
+def _settings(args: argparse.Namespace) -> int:
+    if args.schema:
+        print(json.dumps(schema(), indent=1))
+        return DONE
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, Quantity
 from bow_sim.physics.parameters import FIELDS
 
@@ -153,7 +154,9 @@ class PlotAxis:
 
 
 def _si(name: str) -> Quantity:
-    """Return what a setting in SI units is; of an unknown one only the name."""
+    """Return what a setting in SI units, or of one mode of a body, is; of an unknown one only the name."""
+    if mode := mode_unit(name):
+        return Quantity(name, *mode, (), lambda x, _: x)
     return SI.get(name) or Quantity(name, "", name, (), lambda x, _: x)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import FIELDS
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, SYMBOLS
@@ -97,6 +98,8 @@ def unit_of(name: str) -> str:
         return UNITS[name]
     if name in SI:
         return SI[name].unit
+    if mode := mode_unit(name):
+        return mode[0]
     return str(FIELDS[name].metadata["unit"] or "") if name in FIELDS else ""
 
 

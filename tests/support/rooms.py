@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
+PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep", "bow")
 
 _TABLE = """
 bow_sim.atomic_files:
@@ -22,7 +22,8 @@ bow_classifier.verdict: bow_sim.simd bow_sim.physics
 bow_classifier.features: bow_sim.simd bow_classifier.verdict
 bow_classifier: bow_sim.simd bow_sim.physics bow_sim.protocol bow_sim.graph bow_classifier.verdict
     bow_classifier.features
-bow_sweep.plan: bow_sim.config_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_classifier.verdict
+bow_sweep.plan: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim.kernel bow_sim.protocol
+    bow_classifier.verdict
 bow_sweep.maps: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_classifier.verdict
     bow_classifier.features bow_classifier bow_sweep.plan
 bow_sweep.run: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim.kernel bow_sim.protocol
@@ -41,7 +42,9 @@ bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.g
 bow_sweep.processes: bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict bow_classifier
     bow_sweep.plan bow_sweep.run bow_sweep.record bow_sweep.view
 bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict bow_sweep.maps
-bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
+bow: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures bow_sweep.plan bow_sweep.maps
+    bow_sweep.cell bow_sweep.figures bow_sweep.processes
+bow_sweep.cli: bow bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures
     bow_sweep.cell bow_sweep.view bow_sweep.explore bow_sweep.coordinator bow_sweep.processes bow_sweep.paper
 bow_sweep: bow_sim.graph bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.cell bow_sweep.processes

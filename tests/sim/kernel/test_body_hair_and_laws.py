@@ -81,6 +81,18 @@ def test_a_body_that_cells_share_has_the_bits_of_one_that_each_has_for_itself() 
         assert a.bridge_force.tobytes() == b.bridge_force.tobytes()
 
 
+@pytest.mark.parametrize("model", ["delta_cremer", "raman"])
+def test_cells_may_differ_in_single_modes(model: str) -> None:
+    common = {"model": model, "body_modes": "440/30/k0.01, 900/20/k0.003", "periods": 10, "f_asym": 3.0}
+    p = Parameters.from_mapping(common)
+    ratio, kappa = np.linspace(0.8, 1.25, 9), np.geomspace(0.001, 0.1, 9)
+    results = bridge_force(p, {"body_1_ratio": ratio, "body_2_k": kappa}, 2)
+    for cell in (0, 4, 8):
+        own = p.replace(body_1_ratio=float(ratio[cell]), body_2_k=float(kappa[cell]))
+        want = simulate(own, own.samples)["bridge_force"].astype(np.float32)
+        assert np.concatenate([r.bridge_force[cell] for r in results]).tobytes() == want.tobytes()
+
+
 def test_off_is_off() -> None:
     p = Parameters(model="delta_cremer", periods=10)
     plain = bridge_force(p, {"f_asym": [2.0, 5.5]}, 2)
