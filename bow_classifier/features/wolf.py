@@ -32,7 +32,7 @@ LEAST = 150
 """Periods of the shortest run that is examined, and of the first test: before, the note has not settled."""
 
 STEPS = 16
-"""Values of the mean square a period."""
+"""Values of the mean square a period; `_sum_steps` is for this number."""
 
 
 class WolfState(NamedTuple):
@@ -76,6 +76,14 @@ def wolf_workspace(state):
 
 
 @njit(**LEAN)
+def _sum_steps(x, count):
+    """Write the sum of x[k] and the 15 after it to x[k], of the first `count`; the last 15 are then of no use."""
+    for apart in (1, 2, 4, 8):
+        for k in range(count - apart):
+            x[k] += x[k + apart]
+
+
+@njit(**LEAN)
 def keep_chunk(i, chunk, row, start, period, stops, number, state, workspace):
     """Keep what a wolf is known by of one chunk of cell i.
 
@@ -105,11 +113,9 @@ def keep_chunk(i, chunk, row, start, period, stops, number, state, workspace):
         for t in range(begin, end):
             total += np.float64(row[t]) * np.float64(row[t])
         segments[k] = total
+    _sum_steps(segments, segments.shape[0])
     for k in range(power.shape[0]):
-        total = 0.0
-        for j in range(k + 1, k + 1 + STEPS):
-            total += segments[j]
-        power[k] = np.float32(total / period)
+        power[k] = np.float32(segments[k + 1] / period)
     counts[:] = 0
     for k in range(number):
         counts[min(stops[k] // period, counts.shape[0] - 1)] += 1
@@ -144,12 +150,10 @@ def _rms(i, oldest, power, x):
             x[at] = np.float64(power[i, slot, j])
             at += 1
     count = at - STEPS + 1
+    _sum_steps(x, at)
     mean = 0.0
     for k in range(count):
-        total = 0.0
-        for j in range(k, k + STEPS):
-            total += x[j]
-        x[k] = np.sqrt(total / STEPS)
+        x[k] = np.sqrt(x[k] / STEPS)
         mean += x[k]
     mean /= count
     for k in range(count):
