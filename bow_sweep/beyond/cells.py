@@ -40,7 +40,7 @@ class Slips(NamedTuple):
     def of(self, cell: int) -> Slips:
         """Return the slips of one cell."""
         first, last = np.searchsorted(self.cell, [cell, cell + 1])
-        return Slips(*(column[first:last] for column in self))
+        return Slips(self.cell[first:last], self.start[first:last], self.end[first:last], self.slip[first:last])
 
 
 class Motion(NamedTuple):
@@ -96,18 +96,26 @@ def _block(p: Parameters, lanes: Mapping[str, NDArray[np.float64]], first: int) 
         verdict = classifier.classify(c.bridge_force, intervals_of(c))
         regimes.append(verdict.regime)
         periods.append(verdict.period)
-        cell = np.repeat(np.arange(count), np.diff(c.offsets.astype(np.int64)))
+        cell = np.repeat(np.arange(count), c.offsets[1:] - c.offsets[:-1])
         onset, duration = c.onset.astype(np.int64), c.duration.astype(np.int64)
         goes_on = (onset == 0) & (c.slipping[cell] != 0)
         start = onset + chunk * p.chunk_samples
         pieces.append((cell + first, start, start + duration, c.slip, goes_on))
-    return Motion(_joined(*(np.concatenate(column) for column in zip(*pieces, strict=True))), *map(np.array, (regimes, periods)))
+    return Motion(
+        _joined(*(np.concatenate(column) for column in zip(*pieces, strict=True))), *map(np.array, (regimes, periods))
+    )
 
 
-def _joined(cell: NDArray[np.int64], start: NDArray[np.int64], end: NDArray[np.int64], slip: NDArray[np.float64], goes_on: NDArray[np.bool_]) -> Slips:
+def _joined(
+    cell: NDArray[np.int64],
+    start: NDArray[np.int64],
+    end: NDArray[np.int64],
+    slip: NDArray[np.float64],
+    goes_on: NDArray[np.bool_],
+) -> Slips:
     """Sort pieces of slips by cell and time, and join those that the end of a chunk has cut."""
     order = np.lexsort((start, cell))
-    cell, start, end, slip, goes_on = (x[order] for x in (cell, start, end, slip, goes_on))
+    cell, start, end, slip, goes_on = cell[order], start[order], end[order], slip[order], goes_on[order]
     if not len(cell):
         return Slips(cell, start, end, slip)
     begins = np.flatnonzero(~goes_on | (np.diff(cell, prepend=-1) != 0))

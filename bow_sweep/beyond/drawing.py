@@ -30,8 +30,8 @@ def draw(row: Row, finding: Finding, path: Path) -> None:
         If the file cannot be written.
     """
     with style():
-        caption = textwrap.shorten(f"{row.verdict}: {row.found}", 150, placeholder=" ...")
-        page = Page(3.3, f"{row.key}  {textwrap.shorten(row.claim, 82, placeholder=' ...')}", caption)
+        caption = textwrap.shorten(f"{row.verdict}: {row.found}", 135, placeholder=" ...")
+        page = Page(3.3, f"{row.key}  {textwrap.shorten(row.claim, 66 - len(row.key), placeholder=' ...')}", caption)
         (axes,) = page.panels(1)
         finding.draw(axes)
         page.figure.set_dpi(PIXELS_AN_INCH)
@@ -46,12 +46,19 @@ def rows_of_regimes(axes: Any, plane: MapFile, names: tuple[str, ...]) -> None:
     names
         Of the rows, from the first value of y on.
     """
-    for i, name in enumerate(names):
+    for i in range(len(names)):
         success = is_helmholtz(plane.regime[i])
         level = np.full(plane.x.shape, i)
         axes.plot(plane.x[success], level[success], "o", color=BLUE, ms=3.5, label="Helmholtz" if not i else None)
         axes.plot(
-            plane.x[~success], level[~success], "o", color=ORANGE, ms=3.5, mfc="none", mew=0.6, label="other" if not i else None
+            plane.x[~success],
+            level[~success],
+            "o",
+            color=ORANGE,
+            ms=3.5,
+            mfc="none",
+            mew=0.6,
+            label="other" if not i else None,
         )
     axes.set_yticks(range(len(names)), names)
     axes.set_ylim(-0.6, len(names) - 0.4)

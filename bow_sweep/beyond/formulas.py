@@ -47,7 +47,7 @@ def admittance(p: Parameters, w: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 
 def least_force(p: Parameters) -> float:
-    """Return Schelleng's minimum bow force with the admittance of the bridge (Woodhouse 1993; PHYSICS.md section 11)."""
+    """Return Schelleng's minimum force with the admittance of the bridge (Woodhouse 1993; PHYSICS.md section 11)."""
     n = np.arange(1, HARMONICS + 1)
     y = admittance(p, n * 2 * math.pi / p.period) / n**2
     turns = np.exp(2j * math.pi * np.outer(np.arange(TIMES) / TIMES, n))

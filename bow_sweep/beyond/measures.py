@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_classifier.verdict.regimes import is_helmholtz
-from bow_sweep.maps.map_file import MapFile
+from bow_classifier.verdict.thresholds import Thresholds
+from bow_sweep.beyond.cells import Slips
 
+SIGNIFICANT = Thresholds().slip
+"""Least integrated slip that counts, in v_b N: the threshold of the verdicts."""
 
-def held(plane: MapFile) -> NDArray[np.bool_]:
-    """Return where the motion is Helmholtz motion at the last test, (ny, nx)."""
-    return is_helmholtz(plane.regime)
+WOLF_PERIODS = 100
+"""Periods that the regime *wolf* looks back."""
 
 
 def lower_limit(forces: ArrayLike, succeeds: ArrayLike) -> float:
@@ -49,8 +50,7 @@ def upper_limit(forces: ArrayLike, succeeds: ArrayLike) -> float:
 
 def rank_correlation(a: ArrayLike, b: ArrayLike) -> float:
     """Return Spearman's rank correlation; equal values share their ranks."""
-    ranks = [_ranks(np.asarray(x, float)) for x in (a, b)]
-    return float(np.corrcoef(*ranks)[0, 1])
+    return float(np.corrcoef(_ranks(np.asarray(a, float)), _ranks(np.asarray(b, float)))[0, 1])
 
 
 def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -114,3 +114,68 @@ def right_edge(accelerations: ArrayLike, forces: ArrayLike, succeeds: ArrayLike)
         return np.nan, np.nan
     slope, offset = np.polyfit(f[known], edge[known], 1)
     return float(1 / slope), float(-offset / slope)
+
+
+def wolf_counts(slips: Slips, period: int, periods: int) -> tuple[float, float, int]:
+    """Return what the regime *wolf* is decided by, over the last 100 periods of a run (PHYSICS.md section 11).
+
+    Parameters
+    ----------
+    slips
+        Of one cell.
+    period, periods
+        N in samples, and the length of the run in periods.
+
+    Returns
+    -------
+    share, mean : float
+        Share of periods in which exactly one significant slip ends, and mean number of slips.
+    changes : int
+        How often the number changes between one and others.
+    """
+    ends = slips.end[slips.slip > SIGNIFICANT * period]
+    counts = np.bincount(np.minimum((ends - 1) // period, periods - 1), minlength=periods)[-WOLF_PERIODS:]
+    one = counts == 1
+    return float(one.mean()), float(counts.mean()), int(np.count_nonzero(one[1:] != one[:-1]))
+
+
+def significant(slips: Slips, period: int, rise: float = 0.0) -> NDArray[np.bool_]:
+    """Return which slips count, with a threshold that follows a bow speed of ``rise t`` per period; 0: a speed of 1."""
+    speed = rise * slips.end / period if rise else 1.0
+    return np.asarray(slips.slip > SIGNIFICANT * speed * period)
+
+
+REGULAR, REGULAR_RUN = 0.05, 5
+"""How near to one period the intervals of a regular run are, and how many it has at least (PHYSICS.md section 14)."""
+
+
+def guettler_transients(slips: Slips, period: int, rise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return Guettler's transient of each cell, periods: from the first slip to the last unbroken regular run.
+
+    A run is one of significant slips whose intervals are one period within 5 %, five or more (PHYSICS.md section 14).
+
+    Parameters
+    ----------
+    slips
+        Of all cells.
+    period
+        N, samples.
+    rise : (cells,)
+        Of the bow speed, v_b a period.
+
+    Returns
+    -------
+    ndarray, shape (cells,)
+        Infinite where there is no such run.
+    """
+    out = np.full(len(rise), np.inf)
+    for cell, own in enumerate(rise.tolist()):
+        mine = slips.of(cell)
+        onsets = mine.start[significant(mine, period, own)]
+        regular = np.abs(np.diff(onsets) - period) <= REGULAR * period
+        borders = np.flatnonzero(np.diff(np.concatenate([[False], regular, [False]]).astype(np.int8)))
+        begins, ends = borders[::2], borders[1::2]
+        runs = np.flatnonzero(ends - begins >= REGULAR_RUN)
+        if len(runs):
+            out[cell] = (onsets[begins[runs[-1]]] - mine.start[0]) / period
+    return out

@@ -44,7 +44,8 @@ def _text(r: Reflection) -> str:
 
 
 def _axis(name: str, of: str, scale: str, first: float, last: float, count: int) -> tuple[str, ...]:
-    return (f"{name}.name={of}", f"{name}.scale={scale}", f"{name}.first={first!r}", f"{name}.last={last!r}", f"{name}.count={count}")
+    parts = {"name": of, "scale": scale, "first": repr(first), "last": repr(last), "count": str(count)}
+    return tuple(f"{name}.{part}={value}" for part, value in parts.items())
 
 
 def wolf_settings(q: float, kappa: float) -> tuple[str, ...]:
@@ -100,7 +101,7 @@ SPEEDS = (0.05, 0.1, 0.2)
 SWEEPS: dict[str, Wanted] = {
     "wolf": Wanted(
         "",
-        (*wolf_settings(30.0, 0.02)[:-2], "f_init_ratio=1.0", "periods=400")
+        wolf_settings(30.0, 0.02)
         + _axis("x", "f_asym", "linear", 0.8, 6.0, 53)
         + _axis("y", "body_scale", "linear", 0.0, 1.0, 2),
         ("x.count=14",),
@@ -114,9 +115,14 @@ SWEEPS: dict[str, Wanted] = {
     ),
     "mode_at_f_0": Wanted(
         "",
-        ("v_mid=0.2", "periods=150", "f_init_ratio=1.0", f"body_modes={PAPER_F_0!r}/30/k0.003")
-        + _axis("x", "f_asym", "log", 0.5, 20.0, 65)
-        + _axis("y", "body_scale", "linear", 0.0, 1.0, 2),
+        (
+            "v_mid=0.2",
+            "periods=150",
+            "f_init_ratio=1.0",
+            f"body_modes={PAPER_F_0!r}/30/k0.003",
+            *_axis("x", "f_asym", "log", 0.5, 20.0, 65),
+            *_axis("y", "body_scale", "linear", 0.0, 1.0, 2),
+        ),
         ("x.count=17",),
     ),
     **{f"guettler_{letter}": _guettler(f"cello_g_{letter}", *HYPERBOLA, *SOFT) for letter in "abcd"},
@@ -135,7 +141,11 @@ def differences(plane: MapFile, sweep: Sweep) -> list[str]:
     """Return the settings of a map that are not those of a sweep, as "name = value, should be value"."""
     own = dict(line.partition("=")[::2] for line in sweep.settings())
     names = sorted(name for name in own if not name.startswith("classifier.") and name != "block_cells")
-    return [f"{name} = {plane.values.get(name)}, should be {own[name]}" for name in names if plane.values.get(name) != own[name]]
+    return [
+        f"{name} = {plane.values.get(name)}, should be {own[name]}"
+        for name in names
+        if plane.values.get(name) != own[name]
+    ]
 
 
 def find(directory: Path, names: Iterable[str], small: bool = False) -> dict[str, MapFile]:
