@@ -46,6 +46,9 @@ def add_command(commands: Any) -> None:
 def _validate(args: argparse.Namespace) -> int:
     if args.beyond:
         return validate_beyond.validate_beyond(args)
+    for name in ("out", "claim", "no_runs", "small"):
+        if getattr(args, name):
+            return fail(f"--{name.replace('_', '-')} is for the claims beyond the paper; give it with --beyond")
     from bow_sweep.maps.map_file import MapFileError
     from bow_sweep.paper.validate import validate
 

@@ -37,13 +37,15 @@ def validate_beyond(args: argparse.Namespace) -> int:
     for key in args.claim:
         if key not in keys:
             return fail(f"--claim {key}: no such claim; one of {', '.join(keys)}")
-    if args.runs:
-        return fail(f"--beyond makes its own runs in --out DIR; give no run, not {args.runs[0]}")
+    if args.runs or args.json or args.markdown:
+        return fail(f"--beyond makes its own runs in --out DIR, and writes its table there; give no RUN, --json or --markdown with it")
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
     needed = {name for claim in CLAIMS if not args.claim or claim.key in args.claim for name in claim.needs}
     names = [name for name in SWEEPS if name in needed]
     out = (args.out or OUT).absolute()
+    if out.exists() and not out.is_dir():
+        return fail(f"--out {args.out}: is a file; should be a directory, new or with runs of this command")
     try:
         find(out, names, args.small)  # runs of other settings are refused before anything is started
         if names and not args.no_runs:
