@@ -50,6 +50,20 @@ def config_files() -> list[tuple[str, list[str]]]:
     return [(str(folder), sorted(str(path) for path in folder.iterdir() if path.is_file())) for folder in folders]
 
 
+def ros_wheels() -> list[str]:
+    """ROS 2 from PyPI, as requirements.txt has it, for those who install wheels of bow and bow_msgs: bow[ros]."""
+    return [line.strip() for line in Path("requirements.txt").read_text().splitlines() if line.startswith("ros-")]
+
+
+def package_dir() -> dict[str, str]:
+    """Where the packages are, said such that `pip install --editable` puts this folder on the path of Python.
+
+    Unless it is said, setuptools installs a finder that Python asks last. A folder named bow where a script runs, as a
+    clone of this repository beside it, would then be imported in place of the package.
+    """
+    return {"": "."} if "setuptools.build_meta" in sys.modules else {}
+
+
 stop_without_messages()
 console_scripts, shims = executables()
 setup(
@@ -58,7 +72,8 @@ setup(
     description="Basin maps of the bowed string, swept on a ROS 2 graph",
     license="Apache-2.0",
     python_requires=">=3.10",
-    packages=find_packages(include=["bow_sim*", "bow_classifier*", "bow_sweep*"]),
+    package_dir=package_dir(),
+    packages=find_packages(include=["bow", "bow.*", "bow_sim*", "bow_classifier*", "bow_sweep*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/bow"]),
         ("share/bow", ["package.xml"]),
@@ -85,7 +100,13 @@ setup(
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10
     ],
     extras_require={
+        "ros": ros_wheels(),
         "explore": ["bokeh>=3.9,<4"],  # `bow explore`; `make setup` installs it
+        "data": [
+            "xarray>=2024.1",
+            "h5netcdf>=1.3",
+            "h5py>=3.8",
+        ],  # netCDF; `make setup` installs it
     },
     package_data={"bow_sweep.explore": ["page.js"]},
     entry_points={"console_scripts": [f"{name} = {target}" for name, target in console_scripts.items()]},

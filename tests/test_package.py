@@ -18,7 +18,12 @@ import pytest
 from catkin_pkg.package import Package, parse_package
 from checkout import ROOT, assigned, copy_sources
 
-OUR_PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
+OUR_PACKAGES = ("bow", "bow_sim", "bow_classifier", "bow_sweep")
+BY_NAME = {"h5netcdf", "h5py"}
+"""Libraries that another one is told to load, by their names: xarray writes netCDF files with them."""
+
+EXTRAS = ("explore", "data")
+
 IMPORT_OF = {"inotify-simple": "inotify_simple", "pyyaml": "yaml", "rerun-sdk": "rerun"}
 """Import names that differ from the distribution's."""
 
@@ -103,6 +108,13 @@ def test_this_environment_is_a_ros_prefix_with_both_packages(monkeypatch: pytest
     assert (Path(get_package_share_directory("bow_msgs")) / "msg" / "Plan.msg").is_file()
 
 
+def test_a_folder_named_bow_beside_a_script_does_not_hide_the_package(tmp_path: Path) -> None:
+    (tmp_path / "bow").mkdir()  # a clone of this repository is one
+    (tmp_path / "mine.py").write_text("import bow\nprint(bow.open.__name__)\n")
+    told = subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert told.stdout == "open_run\n", told.stderr
+
+
 @pytest.mark.parametrize("kind", ["msg", "action"])
 def test_the_installed_interfaces_are_those_of_the_sources(kind: str) -> None:
     installed = Path(sys.prefix, "share", "bow_msgs", kind)
@@ -123,10 +135,12 @@ def test_all_places_have_one_version_and_licence() -> None:
 def test_what_the_code_imports_is_declared() -> None:
     depends = {depend.name for depend in manifest(".").exec_depends}
     assert imported() & ROS_PYTHON <= depends
-    requirements = [*setup_arguments()["install_requires"], *setup_arguments()["extras_require"]["explore"]]
+    extras = [each for name in EXTRAS for each in setup_arguments()["extras_require"][name]]
+    requirements = [*setup_arguments()["install_requires"], *extras]
     distributions = [re.split(r"[<>=]", requirement)[0] for requirement in requirements]
     declared = {IMPORT_OF.get(name, name) for name in distributions}
-    assert imported() - ROS_PYTHON == declared
+    assert imported() - ROS_PYTHON == declared - BY_NAME
+    assert declared >= BY_NAME
 
 
 def test_an_interface_names_the_packages_its_types_come_from() -> None:
@@ -153,8 +167,8 @@ def test_the_development_tools_include_what_builds_the_interfaces() -> None:
 
 def test_every_direct_requirement_has_a_tested_release() -> None:
     tested = {re.split(r"==| ;", line)[0] for line in quoted("constraints.txt")}
-    direct = [*setup_arguments()["install_requires"], *setup_arguments()["extras_require"]["explore"]]
-    direct += [*quoted("requirements.txt"), *quoted("requirements-dev.txt")]
+    direct = [each for name in EXTRAS for each in setup_arguments()["extras_require"][name]]
+    direct += [*setup_arguments()["install_requires"], *quoted("requirements.txt"), *quoted("requirements-dev.txt")]
     names = {re.split(r"[<>=]", requirement)[0].lower().replace("_", "-") for requirement in direct}
     assert names <= tested
 

@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "diagrams"
 TABLE = ROOT / "tests" / "support" / "rooms.py"
-COLOURS = {"bow_sim": "#eaf4ea", "bow_classifier": "#eef3fb", "bow_sweep": "#fff6e0"}
+COLOURS = {"bow_sim": "#eaf4ea", "bow_classifier": "#eef3fb", "bow_sweep": "#fff6e0", "bow": "#f6eefb"}
 
 HEAD = """\
 // Which room may import which, from the table in tests/support/rooms.py. Written by tools/diagrams.py: make diagrams

@@ -276,7 +276,7 @@ def sync(uv, tests):
         if "bow_msgs" in due:
             arguments += ["./msg_defs"] + (["--reinstall-package", "bow_msgs"] if uv else [])
         if "bow" in due or "test tools" in due:
-            arguments += [*requirements(), "--editable", ".[explore]"]
+            arguments += [*requirements(), "--editable", ".[explore,data]"]
         if "test tools" in due:
             arguments += ["--requirement", "requirements-dev.txt"]
         install(uv, arguments, "installing " + ", ".join(due))
@@ -300,7 +300,7 @@ def precompile(record):
     # Seven processes start in every sweep. None should have to compile its sources again, even where
     # PYTHONDONTWRITEBYTECODE is set.
     libraries = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages"))
-    sources = ["bow_sim", "bow_classifier", "bow_sweep", *libraries]
+    sources = ["bow", "bow_sim", "bow_classifier", "bow_sweep", *libraries]
     run([PYTHON, "-m", "compileall", "-qq", "-j", "0", *sources], "compiling Python's modules")
     record["kernels"] = stamp
     write_record(record)

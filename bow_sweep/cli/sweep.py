@@ -15,6 +15,7 @@ from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
+from bow_sweep.plan.preset_files import choose
 from bow_sweep.plan.presets import presets
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, QUARANTINED, USAGE
 from bow_sweep.run.campaign import campaigns
@@ -57,11 +58,19 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
+        "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
+        "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
         "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
         "exit status: 0 done, 1 failed, 2 wrong usage, 3 done but for quarantined blocks, 130 interrupted",
     )
-    parser.add_argument("preset", nargs="?", default="", help="named sweep; without one, the defaults of the package")
+    parser.add_argument(
+        "preset",
+        nargs="?",
+        default="",
+        help="named sweep, or a .yaml file; a name is searched in ./, in ~/.config/bow/presets and in the package; "
+        "without one, the defaults of the package",
+    )
     parser.add_argument("--model", help=f"one of {', '.join(MODELS)}")
     parser.add_argument("--v-mid", metavar="V", help="string speed where friction is midway, in v_b; below 1")
     parser.add_argument("--nx", metavar="N", help="cells along x (f_asym)")
@@ -77,6 +86,9 @@ def add_command(commands: Any) -> None:
         help="processes (default: one a core)",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
+    parser.add_argument(
+        "--save-preset", metavar="FILE", type=Path, help="write this sweep to a .yaml file, then run it"
+    )
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue the run in this directory")
     parser.add_argument(
         "--network",
@@ -120,7 +132,7 @@ def _sweep(args: argparse.Namespace) -> int:
         except discovery.NetworkError as error:
             return fail(f"--network {error}")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
-    if args.resume and (args.preset or short or args.settings or args.out):
+    if args.resume and (args.preset or short or args.settings or args.out or args.save_preset):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
     from bow_sweep.cli.sweep_jobs import begin, resume
     from bow_sweep.run.directory import RunError
@@ -129,7 +141,11 @@ def _sweep(args: argparse.Namespace) -> int:
         if args.resume:
             work = resume(args.resume.resolve(), not args.no_lock)
         else:
-            work = begin(args.preset, embed_files(short + args.settings), args.out, not args.no_lock)
+            chosen = choose(args.preset, campaigns())
+            if chosen.path:
+                print(f"preset {chosen.label}: from {chosen.path}", flush=True)
+            settings = embed_files([*chosen.settings, *short, *args.settings])
+            work = begin(chosen, settings, args.out, not args.no_lock, args.save_preset)
     except (ParameterError, RunError, OSError) as error:
         return fail(str(error))
     most = bounded(args.simulators, cores())
@@ -190,10 +206,14 @@ def run_jobs(
             p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
             name = job.sweep.preset or (job.directory.name if len(jobs) > 1 else "sweep")
             display.begin(f"{name} ({number} of {len(jobs)})" if len(jobs) > 1 else "", before, total)
+            repeats = job.sweep.repeats.count
+            repeated = f" and {repeats} repeats of each" if repeats else ""
             display.print_line(
-                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells, {p.periods} periods, "
+                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells{repeated}, {p.periods} periods, "
                 f"{args.simulators} simulators -> {job.directory}"
             )
+            for note in job.sweep.notes:
+                display.print_line(f"note: {note}")
             if discovery.goes_beyond(os.environ):
                 display.print_line(
                     f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from threading import Event
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +29,15 @@ def intervals_of(chunk: ChunkResult) -> Intervals:
 def verdicts(
     parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
 ) -> Iterator[Verdicts]:
-    """Simulate cells and yield the verdicts after every five periods.
+    """Simulate cells and yield the verdicts after every five periods; see :func:`judged_chunks`."""
+    for _, verdict in judged_chunks(parameters, lanes, thresholds):
+        yield verdict
+
+
+def judged_chunks(
+    parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
+) -> Iterator[tuple[ChunkResult, Verdicts]]:
+    """Simulate cells and yield each chunk with the verdicts on it.
 
     Parameters
     ----------
@@ -51,27 +61,47 @@ def verdicts(
     classifier = BlockClassifier(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
     for _ in range(parameters.chunks):
         chunk = block.advance()
-        yield classifier.classify(chunk.bridge_force, intervals_of(chunk))
+        yield chunk, classifier.classify(chunk.bridge_force, intervals_of(chunk))
 
 
-def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None) -> Basin:
+def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None, workers: int = 1) -> Basin:
     """Compute the map of a sweep block by block; for an adaptive sweep round by round.
 
     Parameters
     ----------
     progress
         Called with (cells done, cells) after each block.
+    workers
+        Number of blocks that are computed at a time, each by a thread: kernel and classifier run without Python's lock.
+        The verdicts do not depend on it.
     """
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks, sweep.repeats.count)
     done, blocks = 0, sweep.first_blocks
-    while True:
-        for number in range(done, blocks.count):
-            cells = blocks.block(number)
-            for test, verdict in enumerate(verdicts(sweep.parameters, sweep.lanes(cells), sweep.thresholds)):
-                basin.take(test, cells, verdict._asdict())
-            if progress:
-                progress(int(np.count_nonzero(basin.tested)), sweep.budget)
-        more = sweep.more_blocks(blocks, basin.transient_periods)
-        if more is None:
-            return basin
-        done, blocks = blocks.count, more
+    stop = Event()
+
+    def classified(number: int) -> tuple[np.ndarray, list[Verdicts]]:
+        cells = blocks.block(number)
+        found = []
+        for verdict in verdicts(sweep.parameters, sweep.lanes(cells), sweep.thresholds):
+            found.append(verdict)
+            if stop.is_set():
+                break
+        return cells, found
+
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            while True:
+                for task in as_completed([pool.submit(classified, number) for number in range(done, blocks.count)]):
+                    cells, found = task.result()
+                    for test, verdict in enumerate(found):
+                        basin.take(test, cells, verdict._asdict())
+                    if progress:
+                        progress(int(np.count_nonzero(basin.tested)), sweep.budget)
+                more = sweep.more_blocks(blocks, basin.transient_periods)
+                if more is None:
+                    return basin
+                done, blocks = blocks.count, more
+        except BaseException:  # Ctrl-C, or a block that cannot be computed: the other threads end after their chunk
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

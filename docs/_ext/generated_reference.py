@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep")
+PACKAGES = ("bow", "bow_sim", "bow_classifier", "bow_sweep")
 ENTRY = re.compile(r"(\w+) +(.+)")
 """A line of a package's docstring that lists a module: its name, spaces up to a column, what is in it."""
 

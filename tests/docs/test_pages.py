@@ -13,13 +13,13 @@ from doc_pages import PAGES, ROOT, blocks, name, prose
 sys.path.insert(0, str(ROOT / "tools"))
 import diagrams
 
-PACKAGES = ("bow_sim", "bow_classifier", "bow_sweep", "bench", "studies")
+PACKAGES = ("bow", "bow_sim", "bow_classifier", "bow_sweep", "bench", "studies")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 CODE = re.compile(r"`([^`\n]+)`")
 FILE = re.compile(r"[a-z][\w./-]*\.(?:py|msg|action|yaml|xml|toml|txt|csv|dot|sh|cfg)")
-MODULE = re.compile(rf"(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
-LEFT_BY_RUNS = {"metadata.yaml", "mine.txt", "bench.json"}
-"""Files that a command writes, not files of the repository."""
+MODULE = re.compile(rf"(?<![\w/])(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
+LEFT_BY_RUNS = {"metadata.yaml", "mine.txt", "bench.json", "bow.missing", "bow.record", "bow.version"}
+"""Files that a command writes, and records in a bag: they are not in the repository."""
 
 
 def is_there(path: str) -> bool:

@@ -1,0 +1,66 @@
+"""Maps of the bowed string in Python: sweeps, recorded runs, their cells, and measured strings.
+
+A face over the other packages, for scripts and notebooks. It needs no ROS graph.
+
+found        what a map holds
+maps         a map: what a sweep found, its cells, tables and pictures
+sweeps       a sweep in this process, on all cores
+cells        one cell: waveform, slips, spectrum, picture, sound
+dataset      a map, and the waveform of a cell, as xarray.Dataset
+tables       a map as a file: netCDF, CSV, Parquet
+pictures     a map as a picture for a paper
+shown        pictures and sounds that a notebook shows
+comparison   several maps compared
+optional     libraries that not every installation has
+
+Public names, imported when they are first used:
+
+Cell         one cell of a map
+Comparison   how maps differ in playability and in settings
+Map          a map: what a sweep found
+Measured     a measure of a map, with its uncertainty
+Picture      a picture; a notebook shows it
+Sound        a sound; a notebook plays it
+compare      compares maps
+open         opens a recorded run
+sweep        computes a map in this process
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bow.cells import Cell as Cell
+    from bow.comparison import Comparison as Comparison
+    from bow.comparison import compare as compare
+    from bow.found import Measured as Measured
+    from bow.maps import Map as Map
+    from bow.maps import open_run as open
+    from bow.shown import Picture as Picture
+    from bow.shown import Sound as Sound
+    from bow.sweeps import sweep as sweep
+
+_PLACES = {
+    "Cell": "bow.cells:Cell",
+    "Comparison": "bow.comparison:Comparison",
+    "Map": "bow.maps:Map",
+    "Measured": "bow.found:Measured",
+    "Picture": "bow.shown:Picture",
+    "Sound": "bow.shown:Sound",
+    "compare": "bow.comparison:compare",
+    "open": "bow.maps:open_run",
+    "sweep": "bow.sweeps:sweep",
+}
+
+__all__ = ["Cell", "Comparison", "Map", "Measured", "Picture", "Sound", "compare", "open", "sweep"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        module, _, inside = _PLACES[name].partition(":")
+        return getattr(import_module(module), inside)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])
