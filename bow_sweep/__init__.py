@@ -6,6 +6,7 @@ run                a run on disk: directory, ledger, lock
 record             its bag
 cell               one cell of a run: waveform, analysis, sound
 figures            pictures of finished maps
+edges              where the outcome of a gesture changes; exponents
 view               the dashboard
 explore            the page in the browser
 coordinator        who hands out the blocks

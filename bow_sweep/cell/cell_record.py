@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bow_sim.physics.parameters import Parameters
+from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_sim.physics.parameters import CHUNK_PERIODS, Parameters
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.waveform import Waveform
 
@@ -41,6 +43,22 @@ class CellTests:
     helmholtz: np.ndarray
     regime_names: tuple[str, ...]
 
+    @classmethod
+    def of(cls, layers: Mapping[str, np.ndarray]) -> CellTests:
+        """Return the tests of a cell from its verdicts: field of a verdict -> (tests,)."""
+        tests = len(layers["regime"])
+        return cls(
+            periods=np.arange(1, tests + 1) * CHUNK_PERIODS,
+            helmholtz=is_helmholtz(layers["regime"]),
+            regime_names=tuple(REGIMES),
+            **layers,
+        )
+
+    @property
+    def transient_periods(self) -> float:
+        """Periods until the tests first passed; 0 = never."""
+        return float(self.periods[np.argmax(self.helmholtz)]) if self.helmholtz.any() else 0.0
+
     def name(self, test: int = -1) -> str:
         """Return the name of the regime at a test; "pending" without a verdict."""
         code = int(self.regime[test]) if len(self.regime) else PENDING
@@ -69,7 +87,9 @@ class CellRecord(Waveform):
     run_id
         Of the run; "" where nothing says it.
     cell
-        Index in the map, iy * nx + ix.
+        Index in the map, iy * nx + ix; repeats count on from there.
+    repeat
+        Number of the repeat, from 1; 0 = the cell itself.
     x_name, y_name, x, y
         The parameters of the map's axes, and their values in this cell.
     parameters
@@ -89,6 +109,7 @@ class CellRecord(Waveform):
 
     run_id: str
     cell: int
+    repeat: int
     x_name: str
     y_name: str
     x: float
@@ -118,4 +139,5 @@ class CellRecord(Waveform):
     @property
     def title(self) -> str:
         """The cell and the values of its two parameters, as text."""
-        return f"cell {self.cell}: {self.x_name} {self.x:.4g}, {self.y_name} {self.y:.4g}"
+        repeat = f", repeat {self.repeat}" if self.repeat else ""
+        return f"cell {self.cell}{repeat}: {self.x_name} {self.x:.4g}, {self.y_name} {self.y:.4g}"

@@ -70,6 +70,9 @@ class Portrait:
         if si := in_si(vars(record.parameters)):
             words = [f"{name} {value:.4g} {unit_of(name)}".rstrip() for name, value in si.items()]
             lines.append(("in SI units", ", ".join(words)))
+        if record.repeat:
+            p = record.parameters
+            lines.append(("this repeat", f"f_asym {p.f_asym:.6g}, f_init_ratio {p.f_init_ratio:.6g}"))
         if len(tests.periods):
             sure = float(tests.confidence[-1])
             last = regime_label(tests.name()) + ("" if np.isnan(sure) else f", confidence {sure:.2f}")

@@ -11,6 +11,7 @@ from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics import body
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol.repeats import MAX_SEED, Repeats
 from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
@@ -58,6 +59,12 @@ def _settings(args: argparse.Namespace) -> int:
     )
     print(
         f"adaptive = {Sweep.adaptive:g}\n    share of the cells to simulate at most; below 1 the others are predicted"
+    )
+    print(
+        f"repeats = {Repeats.count}\n    further simulations of each cell with slightly other forces, for example 8:\n"
+        "    how sure is the map\n"
+        f"jitter = {Repeats.jitter:g}\n    largest relative deviation of f_asym and of f_init in a repeat; 0 ... 1\n"
+        f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
     )
     return DONE
 

@@ -57,6 +57,7 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
+        "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
         "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
@@ -194,8 +195,10 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen
             p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
             name = job.sweep.preset or "sweep"
             display.begin(f"{name} ({number} of {len(jobs)})" if len(jobs) > 1 else "", before, total)
+            repeats = job.sweep.repeats.count
+            repeated = f" and {repeats} repeats of each" if repeats else ""
             display.print_line(
-                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells, {p.periods} periods, "
+                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells{repeated}, {p.periods} periods, "
                 f"{args.simulators} simulators -> {job.directory}"
             )
             for note in job.sweep.notes:

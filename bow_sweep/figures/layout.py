@@ -19,7 +19,8 @@ from matplotlib.ticker import FixedFormatter, FixedLocator
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import transient_colours
 from bow_sweep.maps.held_fixed import gesture_of, held_fixed, string_of
-from bow_sweep.maps.limits import LABELS, drawn
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import Plane
 
 UNIT_DPI = 200
@@ -162,6 +163,8 @@ def titles(plane: Plane) -> tuple[str, list[str]]:
         made.insert(1, gesture)
     if "adaptive" in plane.values:
         made.append(f"{percent(float(plane.values['adaptive']))} simulated at most, the rest predicted")
+    if "repeats" in plane.values:
+        made.append(f"{plane.values['repeats']} repeats of each")
     rest = [each for each in held if each.name != "v_mid"]
     widths = [*map(len, made), *(len(each.line()) for each in rest)]
     lines, used = [made[0]], widths[0]

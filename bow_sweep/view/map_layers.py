@@ -20,9 +20,18 @@ import rerun as rr
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import regime_legend
 from bow_sweep.maps.held_fixed import cell_names
-from bow_sweep.maps.limits import LABELS, drawn
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import NOT_COMPUTED, TEST_LAYERS, Plane, Snapshot, upright
-from bow_sweep.view.codes import Meaning, Motion, layer_codes, layer_meanings, terrain_meanings
+from bow_sweep.view.codes import (
+    Meaning,
+    Motion,
+    layer_codes,
+    layer_meanings,
+    reliability_codes,
+    reliability_meanings,
+    terrain_meanings,
+)
 from bow_sweep.view.decorations import (
     HEIGHT,
     LEGEND_STROKE,
@@ -34,6 +43,7 @@ from bow_sweep.view.decorations import (
     layer_decorations,
     legend,
     regime_decorations,
+    reliability_decorations,
     terrain_decorations,
     transient_decorations,
 )
@@ -90,11 +100,14 @@ class MapLayers:
             "regime": regime_decorations(plane),
             "terrain": terrain_decorations(plane),
         }
+        if "repeats" in plane.values:
+            self.decorations["reliability"] = reliability_decorations(plane)
         meanings = {
             "map": self._motion.meanings(by_regime=False),
             **{f"tests/{name}": layer_meanings(name) for name in TEST_LAYERS},
             "regime": self._motion.meanings(by_regime=True),
             "terrain": terrain_meanings(),
+            **({"reliability": reliability_meanings()} if "reliability" in self.decorations else {}),
         }
         self._name_codes(meanings)
         self._paint = {place: _palette(known) for place, known in meanings.items()}
@@ -213,6 +226,10 @@ class MapLayers:
     def terrain(self, codes: np.ndarray) -> None:
         """Log the terrain of the map, (ny, nx) codes."""
         self._show("terrain", codes.astype(np.uint16))
+
+    def reliability(self, shares: np.ndarray) -> None:
+        """Log the shares of repeats that end as their cell, (ny, nx); only of a sweep with repeats."""
+        self._show("reliability", reliability_codes(shares))
 
     def _show(self, place: str, codes: np.ndarray) -> None:
         """Log a picture and the same codes of its cells, (ny, nx)."""
