@@ -13,6 +13,7 @@ replay        `bow replay`
 recover       `bow recover`
 figure        `bow figure`
 validate      `bow validate`
+validate_beyond  its second page, `bow validate --beyond`
 compare       `bow compare`
 explore       `bow explore`
 repeats       `bow repeats`
