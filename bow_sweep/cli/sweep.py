@@ -198,6 +198,8 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen
                 f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells, {p.periods} periods, "
                 f"{args.simulators} simulators -> {job.directory}"
             )
+            for note in job.sweep.notes:
+                display.print_line(f"note: {note}")
             if discovery.goes_beyond(os.environ):
                 display.print_line(
                     f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"

@@ -21,7 +21,12 @@ GESTURE_SETTINGS = {
 }
 """The settings that each gesture uses (sections II.A and III.C, PHYSICS.md 14); one has its name in older maps."""
 
-LAW_SETTINGS = {"hyperbola": ("v_mid", "mu_s", "mu_d"), "coulomb": ("mu_s", "mu_d"), "thermal": ("mu_s",)}
+LAW_SETTINGS = {
+    "hyperbola": ("v_mid", "mu_s", "mu_d"),
+    "coulomb": ("mu_s", "mu_d"),
+    "curve": ("mu_s", "mu_d"),
+    "thermal": ("mu_s",),
+}
 """The settings that each friction law uses, of those that another one does not."""
 
 ALWAYS = ("v_mid", "bow_bridge", "mu_s", "mu_d", "v_b", "y_t")
@@ -120,7 +125,7 @@ def _held(name: str, given: dict[str, str], beside: str) -> Held:
     if name == "bow_bridge" and "period" in given:
         trip = float(given[name]) + float(given.get("bow_offset", 0))
         return Held(name, f"{trip:g}/{_short(given['period'])}", "", beside)
-    if name.endswith("_function"):
+    if name.endswith("_function") or name in ("body_modes", "friction_curve"):
         return Held(name, "own", "")
     return Held(name, _short(given[name]), unit_of(name), beside)
 

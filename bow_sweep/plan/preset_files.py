@@ -18,6 +18,7 @@ import yaml
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.atomic_files import replacing
+from bow_sim.physics.body import MODE_SETTING
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
@@ -145,11 +146,15 @@ def schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "preset of bow sweep",
         **_group(properties),
+        **_MODE,
     }
 
 
 def _group(properties: Mapping[str, Any]) -> dict[str, Any]:
     return {"type": "object", "properties": dict(properties), "additionalProperties": False}
+
+
+_MODE = {"patternProperties": {f"^{MODE_SETTING.pattern}$": {"description": "a single mode of the body"}}}
 
 
 def _number() -> dict[str, Any]:
@@ -160,7 +165,10 @@ def _axis(key: str) -> dict[str, Any]:
     return {
         **_group(
             {
-                "name": {"enum": sorted(SWEEPABLE | SI.keys()), "description": "the parameter along this axis"},
+                "name": {
+                    "anyOf": [{"enum": sorted(SWEEPABLE | SI.keys())}, {"pattern": f"^{MODE_SETTING.pattern}$"}],
+                    "description": "the parameter along this axis",
+                },
                 "scale": {"enum": ["log", "linear"]},
                 "first": {**_number(), "description": "first value"},
                 "last": {**_number(), "description": "last value"},

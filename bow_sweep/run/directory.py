@@ -202,6 +202,7 @@ class Run:
             "preset": self.sweep.preset,
             "settings": list(self.sweep.settings()),
             **({"si": shared} if shared else {}),
+            "notes": list(self.sweep.notes),
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
