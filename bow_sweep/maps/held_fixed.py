@@ -118,7 +118,8 @@ def moving(plane: Plane) -> set[str]:
 
 
 def _both_names(axes: Iterable[str]) -> set[str]:
-    return {same for name in axes for same in (name, SI[name].same if name in SI else name)}
+    both = {same for name in axes for same in (name, SI[name].same if name in SI else name)}
+    return both | {"string_length"} if "semitone" in both else both  # a stopped string is shorter
 
 
 def _held(name: str, given: dict[str, str], beside: str) -> Held:
