@@ -93,6 +93,14 @@ def parse(text: str, path: str = "") -> Points:
     return Points(speed, mu, slope, np.append(speed[1:], np.inf))
 
 
+def check(law: str, text: str, path: str = "") -> None:
+    """Raise ParameterError where there is a curve without its law, or the law without a curve."""
+    if law == "curve" and not text:
+        raise ParameterError(f"{path}friction = 'curve': needs friction_curve=0/0.8,0.1/0.5,... or @FILE")
+    if law != "curve" and text:
+        raise ParameterError(f"{path}friction_curve: must be empty with friction = {law!r}; set friction=curve")
+
+
 def _point(word: str, where: str) -> tuple[float, float]:
     try:
         speed, mu = (number(part) for part in word.split("/"))

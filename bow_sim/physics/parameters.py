@@ -167,8 +167,7 @@ class Parameters:
                 if name.startswith("torsion") and not self.has_torsion:
                     raise ParameterError(f"{path}{name}: must be empty: {self.model} has no torsional reflections")
                 check(parse(function_text, path + name), path + name, self.sample_rate)
-        if self.friction == "curve" or self.friction_curve:
-            self._check_curve(path)
+        friction_curve.check(self.friction, self.friction_curve, path)
         self._check_instrument(path)
 
     def _check_sustained(self, path: str) -> None:
@@ -178,12 +177,6 @@ class Parameters:
         if self.gesture not in SUSTAINED:
             right = f"gesture must be {' or '.join(SUSTAINED)}, for which Schelleng's maximum has a bow speed"
             raise ParameterError(f"{where}: gesture = {self.gesture!r}: {right}")
-
-    def _check_curve(self, path: str) -> None:
-        if not self.friction_curve:
-            raise ParameterError(f"{path}friction = 'curve': needs friction_curve=0/0.8,0.1/0.5,... or @FILE")
-        if self.friction != "curve":
-            raise ParameterError(f"{path}friction_curve: must be empty with friction = {self.friction!r}; set curve")
 
     def _check_instrument(self, path: str) -> None:
         """Check what needs SI units."""

@@ -11,6 +11,7 @@ from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics import body
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol.repeats import MAX_SEED, Repeats
 from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
@@ -36,14 +37,14 @@ def _settings(args: argparse.Namespace) -> int:
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
-            print(textwrap.indent(_describe(field, "" if prefix else name), "    "))
+            print(textwrap.indent(_describe(field) + _other_ways(name) * (not prefix), "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
         unit = f" [{quantity.unit}]" if quantity.unit else ""
         print(f"{name}\n    {quantity.doc}{unit}; {_FORMULAS.get(name, f'sets {quantity.same}')}{needs}; PHYSICS.md 10")
-    for ending, (unit, what) in body.KINDS.items():
-        print(f"body_1_{ending}, body_2_{ending}, ...")
-        print(f"    of one mode of the body: {what}{f' [{unit}]' if unit else ''}; > 0; PHYSICS.md 11")
+    for what, (unit, meaning) in body.KINDS.items():
+        print(f"body_1_{what}, body_2_{what}, ...")
+        print(f"    of one mode of the body: {meaning}{f' [{unit}]' if unit else ''}; > 0; PHYSICS.md 11")
     for name, presets in PRESETS.items():
         print(f"{name}\n    sets what follows; {_SOURCES.get(name, 'PHYSICS.md 10')}")
         for preset, values in presets.items():
@@ -59,6 +60,12 @@ def _settings(args: argparse.Namespace) -> int:
     print(
         f"adaptive = {Sweep.adaptive:g}\n    share of the cells to simulate at most; below 1 the others are predicted"
     )
+    print(
+        f"repeats = {Repeats.count}\n    further simulations of each cell with slightly other forces, for example 8:\n"
+        "    how sure is the map\n"
+        f"jitter = {Repeats.jitter:g}\n    largest relative deviation of f_asym and of f_init in a repeat; 0 ... 1\n"
+        f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
+    )
     return DONE
 
 
@@ -69,22 +76,20 @@ _FORMULAS = {
     "bow_acceleration": "acceleration = bow_acceleration/(f_0 v_unit)",
     "v_0": "v_mid = v_b - v_0/v_unit",
     "beta": "bow_bridge + bow_offset = beta period",
-    "bow_distance": "bow_bridge + bow_offset = period bow_distance/string_length",
-    "semitone": "sample_rate = period f_0 2^(semitone/12), f_0 that of the open string",
 }
 """How a value in SI units gives that of the paper's setting."""
 
 _SOURCES = {"bridge": "PHYSICS.md 3 and 10", "hair": "PHYSICS.md 12", "rosin": "PHYSICS.md 13"}
 
 
-def _si(name: str) -> str:
-    """Return in which other units a setting can be given."""
+def _other_ways(name: str) -> str:
+    """Return the settings in SI units that give the same, with their units."""
     others = [f"{other} [{q.unit}]" if q.unit else other for other, q in SI.items() if q.same == name]
-    return f"also as {', '.join(others)}" if others else ""
+    return f"; also: {', '.join(others)}" if others else ""
 
 
-def _describe(field: Any, name: str) -> str:
+def _describe(field: Any) -> str:
     meta = field.metadata
     allowed = ", ".join(meta["choices"]) if "choices" in meta else str(meta.get("range", ""))
     unit = f" [{meta['unit']}]" if meta["unit"] else ""
-    return "; ".join(filter(None, (f"{meta['doc']}{unit}", allowed, _si(name), meta.get("source", ""))))
+    return "; ".join(filter(None, (f"{meta['doc']}{unit}", allowed, meta.get("source", ""))))

@@ -163,6 +163,8 @@ def titles(plane: Plane) -> tuple[str, list[str]]:
         made.insert(1, gesture)
     if "adaptive" in plane.values:
         made.append(f"{percent(float(plane.values['adaptive']))} simulated at most, the rest predicted")
+    if "repeats" in plane.values:
+        made.append(f"{plane.values['repeats']} repeats of each")
     rest = [each for each in held if each.name != "v_mid"]
     widths = [*map(len, made), *(len(each.line()) for each in rest)]
     lines, used = [made[0]], widths[0]

@@ -11,5 +11,6 @@ in_process   a map computed in this process, without a graph
 terrain      which of the paper's five kinds of terrain surrounds each cell
 streaks      directions of the streaks of a map
 playability  measures of how easy a string is to play
+reliability  what repeats of each cell, with slightly other forces, end as
 compare      measures of several maps, and their differences
 """

@@ -23,6 +23,7 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
+from bow_sim.protocol.repeats import MAX_SEED
 from bow_sweep.plan.presets import presets, read_preset
 from bow_sweep.plan.sweep import Sweep, default_block_cells
 
@@ -141,7 +142,14 @@ def schema() -> dict[str, Any]:
     properties |= {"x": _axis("x"), "y": _axis("y"), "classifier": _group(thresholds)}
     whole = {"type": "integer", "minimum": 1}
     properties["block_cells"] = {**whole, "description": "cells that one simulator runs together"}
+    none = {"type": "integer", "minimum": 0}
+    properties["repeats"] = {**none, "description": "further simulations of each cell with slightly other forces"}
+    properties["jitter"] = {**_number(), "description": "largest relative deviation of a force in a repeat"}
+    properties["seed"] = {**none, "description": "other deviations of the repeats"}
     properties["adaptive"] = {**_number(), "description": "share of the cells to simulate at most"}
+    properties["repeats"] = {"type": "integer", "minimum": 0, "description": "further simulations of each cell"}
+    properties["jitter"] = {**_number(), "description": "largest relative deviation of the forces in a repeat"}
+    properties["seed"] = {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "of the deviations"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "preset of bow sweep",

@@ -212,6 +212,14 @@ def terrain_decorations(plane: Plane) -> Decorations:
     return made
 
 
+def reliability_decorations(plane: Plane) -> Decorations:
+    """Return the decorations of the shares of repeats that end as their cell: a bar from 1 on top to 0."""
+    made = _captioned(plane)
+    texts = [f"{step / 40:g}" if step % 8 == 0 else "" for step in range(40, -1, -1)]
+    _scale(made, viridis(np.linspace(1, 0, 41)), texts, "repeats that end alike", [("not known", GREY)])
+    return made
+
+
 def number_decorations(
     plane: Plane, title: str, limits: tuple[float, float], none: Sequence[tuple[str, tuple[int, int, int]]] = ()
 ) -> Decorations:

@@ -23,7 +23,15 @@ from bow_sweep.maps.held_fixed import cell_names
 from bow_sweep.maps.limit_lines import drawn
 from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import NOT_COMPUTED, TEST_LAYERS, Plane, Snapshot, upright
-from bow_sweep.view.codes import Meaning, Motion, layer_codes, layer_meanings, terrain_meanings
+from bow_sweep.view.codes import (
+    Meaning,
+    Motion,
+    layer_codes,
+    layer_meanings,
+    reliability_codes,
+    reliability_meanings,
+    terrain_meanings,
+)
 from bow_sweep.view.decorations import (
     HEIGHT,
     LEGEND_STROKE,
@@ -35,6 +43,7 @@ from bow_sweep.view.decorations import (
     layer_decorations,
     legend,
     regime_decorations,
+    reliability_decorations,
     terrain_decorations,
     transient_decorations,
 )
@@ -91,11 +100,14 @@ class MapLayers:
             "regime": regime_decorations(plane),
             "terrain": terrain_decorations(plane),
         }
+        if "repeats" in plane.values:
+            self.decorations["reliability"] = reliability_decorations(plane)
         meanings = {
             "map": self._motion.meanings(by_regime=False),
             **{f"tests/{name}": layer_meanings(name) for name in TEST_LAYERS},
             "regime": self._motion.meanings(by_regime=True),
             "terrain": terrain_meanings(),
+            **({"reliability": reliability_meanings()} if "reliability" in self.decorations else {}),
         }
         self._name_codes(meanings)
         self._paint = {place: _palette(known) for place, known in meanings.items()}
@@ -215,6 +227,10 @@ class MapLayers:
         """Log the terrain of the map, (ny, nx) codes."""
         self._show("terrain", codes.astype(np.uint16))
 
+    def reliability(self, shares: np.ndarray) -> None:
+        """Log the shares of repeats that end as their cell, (ny, nx); only of a sweep with repeats."""
+        self._show("reliability", reliability_codes(shares))
+
     def _show(self, place: str, codes: np.ndarray) -> None:
         """Log a picture and the same codes of its cells, (ny, nx)."""
         self._log(f"{place}/picture", rr.Image(upright(self._paint[place][codes]), color_model=RGB))
@@ -228,7 +244,7 @@ def _bars(plane: Plane) -> rr.BarChart:
     """Return how many cells have each transient length."""
     ends = np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)
     found = plane.transient_periods[np.nan_to_num(plane.transient_periods) > 0]
-    counts = np.bincount(np.rint(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
+    counts = np.bincount(np.ceil(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
     return rr.BarChart(counts, abscissa=ends, widths=np.full(len(ends), 0.9 * CHUNK_PERIODS), color=BAR_COLOUR)
 
 

@@ -44,27 +44,6 @@ def test_a_plane_in_newton_is_recorded_judged_verified_and_computed_again(tmp_pa
     assert motion(recorded).same
 
 
-def test_a_plane_of_notes_begins_near_the_maximum_and_shows_its_limits(tmp_path: Path) -> None:
-    plane = ["--set", "x.count=4", "--ny", "3", "--set", "periods=10", "--simulators", "2", "--set", "block_cells=8"]
-    run = run_sweep(tmp_path / "run", "playability", *plane)
-    verified(run)
-    with np.load(run / "map.npz") as file:
-        assert file["semitone"].tolist() == [0, 8, 16, 24]
-        most, least = file["limit_schelleng_max_y"], file["limit_schelleng_min_y"]
-    assert most == pytest.approx(np.full(4, 0.8023), rel=1e-3)
-    assert (least < most).all() and np.ptp(least) > 0
-    assert (run / "map.png").stat().st_size > 10_000
-    report = json.loads((run / "report.json").read_text())
-    assert report["si"]["speed"] == {"value": 0.1, "unit": "m/s"}
-    assert "f_0" not in report["si"]  # each note has its own
-    with RunCells(run) as cells:
-        cell = cells.nearest({"semitone": 8, "force": 0.1})
-        recorded, computed = cells.record(cell, "bag"), cells.record(cell, "computed")
-    assert recorded.parameters.sample_rate == pytest.approx(139 * 196 * 2 ** (8 / 12))
-    assert recorded.bridge_force.tobytes() == computed.bridge_force.tobytes()
-    assert motion(recorded).same
-
-
 MODE = [
     *("--set", "string=violin_a", "--set", "v_unit=0.1", "--set", "hair=hair_soft", "--set", "friction=thermal"),
     *("--set", "body=signature", "--set", "bridge=rigid", "--set", "rosin=rosin_soft", "--periods", "60"),
@@ -101,3 +80,24 @@ def test_a_map_over_a_mode_that_was_killed_and_interrupted_is_gone_on_with_and_i
     for name in ("transient_periods", "regime", "correlation", "slips", "corners", "helmholtz"):
         np.testing.assert_array_equal(getattr(plane, name), getattr(alone, name), err_msg=name)
     assert len(np.unique(map_of(run)["regime"])) > 1
+
+
+def test_a_plane_of_notes_begins_near_the_maximum_and_shows_its_limits(tmp_path: Path) -> None:
+    plane = ["--set", "x.count=4", "--ny", "3", "--set", "periods=10", "--simulators", "2", "--set", "block_cells=8"]
+    run = run_sweep(tmp_path / "run", "playability", *plane)
+    verified(run)
+    with np.load(run / "map.npz") as file:
+        assert file["semitone"].tolist() == [0, 8, 16, 24]
+        most, least = file["limit_schelleng_max_y"], file["limit_schelleng_min_y"]
+    assert most == pytest.approx(np.full(4, 0.8023), rel=1e-3)
+    assert (least < most).all() and np.ptp(least) > 0
+    assert (run / "map.png").stat().st_size > 10_000
+    report = json.loads((run / "report.json").read_text())
+    assert report["si"]["speed"] == {"value": 0.1, "unit": "m/s"}
+    assert "f_0" not in report["si"]  # each note has its own
+    with RunCells(run) as cells:
+        cell = cells.nearest({"semitone": 8, "force": 0.1})
+        recorded, computed = cells.record(cell, "bag"), cells.record(cell, "computed")
+    assert recorded.parameters.sample_rate == pytest.approx(139 * 196 * 2 ** (8 / 12))
+    assert recorded.bridge_force.tobytes() == computed.bridge_force.tobytes()
+    assert motion(recorded).same
