@@ -26,6 +26,7 @@ SOURCES = (
     "physics/reflection_text",
     "physics/number_files",
     "physics/cells",
+    "physics/schelleng",
     "physics/fields",
     "physics/instruments",
     "physics/parameters",

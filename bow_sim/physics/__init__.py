@@ -9,6 +9,7 @@ reflection       the reflection functions of each model of the hierarchy
 reflection_text  one reflection function as data, as text and as a file
 number_files     text files of numbers that other programs write
 friction         friction laws: curve, hysteresis, and the solution of one time step
+schelleng        Schelleng's limits of bow force
 gesture          gestures: bow force and bow speed over time
 cells            cells that differ in a few parameters, as arrays
 modes            impulse response, mode frequencies and Q factors

@@ -42,6 +42,9 @@ GESTURES: dict[str, str] = {
 }
 """Names of the bowing gestures, with descriptions."""
 
+SUSTAINED = ("exponential", "martele")
+"""The gestures whose force may begin at a share of Schelleng's maximum."""
+
 FRICTIONS: dict[str, str] = {
     "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)",
     "coulomb": "mu_s on the point of sticking, mu_d sliding; sticks whenever it can (PHYSICS.md 13)",
@@ -98,12 +101,16 @@ class Parameters:
     gesture: str = choice("exponential", GESTURES, "sections II.A, III.C", "how force and speed of the bow start")
     f_asym: float = number(5.5, 0, 1e6, "v_b impedance", "section III.C", "asymptotic bow force", "(]", "log")
     f_init_ratio: float = number(1.0, 0, 1e3, "f_asym", "section III.C", "initial bow force f_init/f_asym")
+    sustained: float = number(
+        0.0, 0, 10, "F_max", "PHYSICS.md 14", "initial bow force over Schelleng's maximum; 0: f_init_ratio counts"
+    )
     tau_f: float = number(400.0, 0, 1e9, "samples", "Appendix", "time constant of the bow force", "(]")
     tau_v: float = number(400.0, 0, 1e9, "samples", "section II.A", "martele: time constant of the bow speed", "(]")
     acceleration: float = number(
         0.2, 0, 1e6, "v_b/period", "Guettler 2002", "accelerate_to, guettler: rise of the bow speed", "(]", "log"
     )
     z_0: float = number(0.0, 0, 1000, "kg/s", "PHYSICS.md 10", "characteristic impedance of the string; 0: not given")
+    string_length: float = number(0.0, 0, 100, "m", "PHYSICS.md 10", "length of the string; 0: not given")
     v_unit: float = number(0.0, 0, 1000, "m/s", "PHYSICS.md 10", "what a speed of 1 is; 0: not given")
     body: str = choice("none", body.SETS, "PHYSICS.md 11", "modes of the body at the bridge, by name")
     body_modes: str = text(
@@ -143,6 +150,8 @@ class Parameters:
             raise ParameterError(
                 f"{path}periods = {self.periods}: must be a multiple of {CHUNK_PERIODS}, for instance {near}"
             )
+        if self.sustained:
+            self._check_sustained(path)
         for name in FUNCTIONS:
             function_text = getattr(self, name)
             if function_text:
@@ -150,6 +159,14 @@ class Parameters:
                     raise ParameterError(f"{path}{name}: must be empty: {self.model} has no torsional reflections")
                 check(parse(function_text, path + name), path + name, self.sample_rate)
         self._check_instrument(path)
+
+    def _check_sustained(self, path: str) -> None:
+        where = f"{path}sustained = {self.sustained:g}"
+        if self.f_init_ratio != FIELDS["f_init_ratio"].default:
+            raise ParameterError(f"{where}: f_init_ratio = {self.f_init_ratio:g} is given too; give one of them")
+        if self.gesture not in SUSTAINED:
+            right = f"gesture must be {' or '.join(SUSTAINED)}, for which Schelleng's maximum has a bow speed"
+            raise ParameterError(f"{where}: gesture = {self.gesture!r}: {right}")
 
     def _check_instrument(self, path: str) -> None:
         """Check what needs SI units."""

@@ -36,7 +36,7 @@ def _settings(args: argparse.Namespace) -> int:
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
-            print(textwrap.indent(_describe(field), "    "))
+            print(textwrap.indent(_describe(field) + _other_ways(name) * (not prefix), "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
         unit = f" [{quantity.unit}]" if quantity.unit else ""
@@ -63,6 +63,12 @@ def _settings(args: argparse.Namespace) -> int:
         f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
     )
     return DONE
+
+
+def _other_ways(name: str) -> str:
+    """Return the settings in SI units that give the same, with their units."""
+    others = [f"{other} [{q.unit}]" if q.unit else other for other, q in SI.items() if q.same == name]
+    return f"; also: {', '.join(others)}" if others else ""
 
 
 def _describe(field: Any) -> str:

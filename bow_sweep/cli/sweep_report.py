@@ -164,6 +164,14 @@ def _of_plane(found: dict[str, Any]) -> int:
     return int(found["cells"]["planned"]) // (1 + found.get("repeats", {"repeats": 0})["repeats"])
 
 
+def _in_si(found: dict[str, Any]) -> list[str]:
+    """Return what all cells share in SI units, as a line, where the run has such units."""
+    shared = found.get("si")  # older reports have no such entry
+    if not shared:
+        return []
+    return ["in all cells: " + ", ".join(f"{n} {e['value']:.4g} {e['unit']}".rstrip() for n, e in shared.items())]
+
+
 def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -> str:
     cells = found["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in found["regimes"].items() if count)
@@ -178,6 +186,7 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
         f"Helmholtz motion in {found['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
         *(in_words(repeats) if repeats else ()),
+        *_in_si(found),
         *map(_left_out, left_out),
         "",
         f"{directory}/",

@@ -13,8 +13,19 @@ from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours, viridis
-from bow_sweep.figures.layout import Layout, cell_pixels, label, lengths_of, paint, percent, titles
+from bow_sweep.figures.layout import (
+    MADE_LETTERS,
+    Layout,
+    cell_pixels,
+    draw_limits,
+    label,
+    lengths_of,
+    paint,
+    percent,
+    titles,
+)
 from bow_sweep.figures.reliability import draw_reliability
+from bow_sweep.maps.limits import limit_lines
 from bow_sweep.maps.map_file import MapFile, MapFileError
 from bow_sweep.maps.plane import (
     NEVER,
@@ -55,6 +66,7 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
         width, height = cell_pixels(plane, MAP_PIXELS, dpi)
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
         title, made = titles(plane)
+        made += limit_lines(plane, MADE_LETTERS)
         left, top = 155, 116 + LINE_PITCH * len(made)
         below = top + height + 180
         repeated: Reliability | None = getattr(plane, "reliability", None)
@@ -68,11 +80,13 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
         ax = layout.axes(left, top, width, height)
         paint(ax, plane, transient_colours(plane.transient_periods, plane.periods))
         label(ax, plane, "full", "full")
+        draw_limits(ax, plane)
         _scale_with_counts(layout, plane, left + width + 36, top, height)
 
         ax = layout.axes(left, below, *small)
         paint(ax, plane, regime_picture(plane))
         ax.set_title("Regime at the last test", loc="left", fontsize=9)
+        draw_limits(ax, plane, labels=False)
         label(ax, plane, "symbol", "symbol")
         _regime_legend(layout, plane, left + small[0] + 50, below)
         if repeated is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from bow_sim.atomic_files import read_arrays, replacing
 from bow_sim.physics.parameters import CHUNK_PERIODS, FIELDS
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
+from bow_sweep.maps.limits import limit_arrays
 from bow_sweep.maps.plane import Plane
 from bow_sweep.maps.reliability import Reliability
 
@@ -146,7 +147,8 @@ def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
     The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
     `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY`
     (tests, ny, nx), `test_periods` (tests), `settings`, the names of `TEXTS`; for an adaptive sweep `simulated` (ny,
-    nx); for one with repeats those of :class:`~bow_sweep.maps.reliability.Reliability`.
+    nx); for one with repeats those of :class:`~bow_sweep.maps.reliability.Reliability`; and the curves of
+    :func:`bow_sweep.maps.limits.limit_arrays`.
 
     Raises
     ------
@@ -178,7 +180,7 @@ def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
     for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
         # `period` is both a parameter and a test; such an axis is stored as axis_period
         arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
-    return arrays
+    return arrays | limit_arrays(result)
 
 
 def write_map_npz(path: str | Path, result: MapFile) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.instruments import overridden
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
@@ -97,7 +98,7 @@ class Sweep:
             For a sweep that cannot be computed; names the setting, its value and what would be right.
         """
         given = parse_settings(settings)
-        spec = split({**(load_preset(preset) if preset else {}), **given})
+        spec = split({**(overridden(load_preset(preset), given) if preset else {}), **given})
         x, y = Axis.of("x", spec.x, X_AXIS), Axis.of("y", spec.y, Y_AXIS)
         thresholds = Thresholds.from_mapping(spec.classifier)
         for axis, key in ((x, "x"), (y, "y")):

@@ -23,6 +23,7 @@ from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.messages import FORMAT
 from bow_sim.protocol.repeats import Repeats
 from bow_sweep.maps.basin_map import Basin
+from bow_sweep.maps.held_fixed import common_in_si
 from bow_sweep.maps.reliability import Reliability
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
@@ -202,11 +203,13 @@ class Run:
         extra
             More entries.
         """
+        shared = common_in_si(vars(self.sweep.parameters), (self.sweep.x.name, self.sweep.y.name))
         report = {
             "run_id": self.run_id,
             "sweep_id": self.sweep.sweep_id,
             "preset": self.sweep.preset,
             "settings": list(self.sweep.settings()),
+            **({"si": shared} if shared else {}),
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),

@@ -19,6 +19,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_legend, transient_colours, viridis
 from bow_sweep.maps.axes import Tick
 from bow_sweep.maps.held_fixed import caption
+from bow_sweep.maps.limits import limit_lines
 from bow_sweep.maps.plane import TEST_RANGES, Plane, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
 
@@ -163,7 +164,7 @@ def _captioned(plane: Plane) -> Decorations:
     """Return frame, ticks and labels, and below them what is the same in all cells."""
     made = surroundings(plane)
     top = made.bounds[1][1] - 1 + GAP
-    for number, line in enumerate(caption(plane, CAPTION_LETTERS)):
+    for number, line in enumerate([*caption(plane, CAPTION_LETTERS), *limit_lines(plane, CAPTION_LETTERS)]):
         made.label(WIDTH / 2, top + number * (LINE + GAP / 2), line)
     return made
 

@@ -20,6 +20,7 @@ import rerun as rr
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import regime_legend
 from bow_sweep.maps.held_fixed import cell_names
+from bow_sweep.maps.limits import LABELS, drawn
 from bow_sweep.maps.plane import NOT_COMPUTED, TEST_LAYERS, Plane, Snapshot, upright
 from bow_sweep.view.codes import (
     Meaning,
@@ -31,7 +32,9 @@ from bow_sweep.view.codes import (
     terrain_meanings,
 )
 from bow_sweep.view.decorations import (
+    HEIGHT,
     LEGEND_STROKE,
+    LINE,
     PIXEL,
     Decorations,
     cell_centres,
@@ -110,6 +113,7 @@ class MapLayers:
         self._name_lines()
         for place, decorations in self.decorations.items():
             draw(self._log, f"{place}/axes", decorations)
+            draw_limits(self._log, f"{place}/axes/limits", plane)
         self._place_cells()
 
     def _name_codes(self, meanings: Mapping[str, Sequence[Meaning]]) -> None:
@@ -284,6 +288,20 @@ def draw(log: Callable[..., object], place: str, decorations: Decorations) -> No
         where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=PIXEL)
         picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
         log(f"{place}/scale", where, picture, static=True)
+
+
+def draw_limits(log: Callable[..., object], place: str, plane: Plane) -> None:
+    """Log the limits of theory over a picture: white lines within black, with their names."""
+    found = drawn(plane)
+    if not found:
+        return
+    unit = np.array(cell_size(plane))
+    lines = [at * unit * (1, -1) + (0, HEIGHT) for each in found for at in each.runs]
+    for name, colour, wide, order in (("under", (0, 0, 0), 4.0, ABOVE), ("lines", (255, 255, 255), 1.8, ABOVE + 1)):
+        radii = rr.Radius.ui_points(wide / 2)
+        log(f"{place}/{name}", rr.LineStrips2D(lines, colors=colour, radii=radii, draw_order=order), static=True)
+    places = [(x * unit[0], HEIGHT - y * unit[1] - LINE / 2) for x, y in (each.label for each in found)]
+    log(f"{place}/names", texts(places, [LABELS[each.limit.name] for each in found]), static=True)
 
 
 def texts(places: Sequence[tuple[float, float]], words: Sequence[str]) -> rr.Points2D:

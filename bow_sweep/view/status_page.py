@@ -106,7 +106,9 @@ def playability_page(measured: Mapping[str, Any]) -> str:
 
 def _held(snapshot: Snapshot) -> list[str]:
     """Return what is the same in all cells."""
-    rows = [(held.symbol(), held.text, held.unit) for held in held_fixed(snapshot)]
+    rows = [
+        (held.symbol(), held.text, held.unit + f" ({held.beside})" * bool(held.beside)) for held in held_fixed(snapshot)
+    ]
     return _table(("held fixed", "", "unit"), rows, numbers_from=3) if rows else []
 
 

@@ -130,7 +130,10 @@ def friction(d: float, f_b: float, y: float, p: Parameters, slipping: bool) -> t
 
 def gesture(p: Parameters, t: int) -> tuple[float, float]:
     """Bow force and bow speed (PHYSICS.md section 5)."""
-    f_init = (0.0 if p.gesture == "string_crossing" else p.f_init_ratio) * p.f_asym
+    ratio = p.f_init_ratio
+    if p.sustained:  # of Schelleng's maximum (PHYSICS.md section 14)
+        ratio = p.sustained * (p.v_b / (ends(p).y * p.beta) / (p.mu_s - p.mu_d)) / p.f_asym
+    f_init = (0.0 if p.gesture == "string_crossing" else ratio) * p.f_asym
     f_b = p.f_asym + (f_init - p.f_asym) * math.exp(-t / p.tau_f)
     v_b = p.v_b
     if p.gesture == "martele":

@@ -21,6 +21,7 @@ CASES: dict[str, dict[str, Any]] = {
     "coulomb, rigid ends": {"model": "friedlander", "friction": "coulomb", "body": "wolf_83"},
     "between samples": {"model": "delta_cremer", "beta": 0.1234},
     "between samples, near the bridge": {"model": "raman", "beta": 0.012},
+    "sustained": {"model": "delta_cremer", "sustained": 0.6, "f_init_ratio": 1, "tau_f": 300, "f_asym": 2},
     "between samples, stiff": {"beta": 0.07, "gesture": "guettler"},
 }
 
