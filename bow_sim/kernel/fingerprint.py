@@ -21,6 +21,8 @@ SOURCES = (
     "simd/jit",
     "physics/body",
     "physics/friction",
+    "physics/friction_curve",
+    "physics/thermal",
     "physics/gesture",
     "physics/reflection",
     "physics/reflection_text",

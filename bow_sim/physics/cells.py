@@ -97,7 +97,8 @@ def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
         raise ParameterError(f"lanes: lengths {sizes}: must be one or more arrays of one length, at least 1")
     plain = Cells(parameters, arrays, ())
     mu_s, mu_d, v_mid, v_b = (plain.value(name) for name in ("mu_s", "mu_d", "v_mid", "v_b"))
-    for i in np.flatnonzero(~((mu_d < mu_s) & (v_mid < v_b)))[:1]:
+    right = (mu_d < mu_s) & (v_mid < v_b) | (parameters.friction == "curve")
+    for i in np.flatnonzero(~right)[:1]:
         check_friction(float(mu_s[i]), float(mu_d[i]), float(v_mid[i]), float(v_b[i]), f"lanes[{i}]: ")
     names = tuple(sorted(set(arrays) - FREE))
     if not names:

@@ -100,7 +100,10 @@ class Repeats:
         for x_end, y_end in itertools.product(("first", "last"), repeat=2):
             try:
                 corner = parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
-                corner.replace(f_asym=corner.f_asym * more, f_init_ratio=corner.f_init_ratio * more / less)
+                if corner.sustained:
+                    corner.replace(f_asym=corner.f_asym * more, sustained=corner.sustained * more)
+                else:
+                    corner.replace(f_asym=corner.f_asym * more, f_init_ratio=corner.f_init_ratio * more / less)
             except ParameterError as error:
                 where = f"jitter = {self.jitter:g}: at x.{x_end} and y.{y_end}"
                 raise ParameterError(f"{where}, with the largest deviation: {error}") from None
@@ -148,13 +151,17 @@ class Repeats:
         -------
         dict
             As `lanes`, unchanged, where the sweep has no repeats. Else in the paper's units, with `f_asym` and
-            `f_init_ratio`: f_init is their product.
+            `f_init_ratio`: f_init is their product. Where the initial force is `sustained` times a maximum, with that.
         """
         if not self.count:
             return dict(lanes)
         varied = {name: np.asarray(values, np.float64) for name, values in paper_lanes(parameters, lanes).items()}
         of_asym, of_init = self.factors(cells, plane_cells)
-        for name, factor in (("f_asym", of_asym), ("f_init_ratio", of_init / of_asym)):
+        if parameters.sustained or "sustained" in varied:
+            changes = {"f_asym": of_asym, "sustained": of_init}
+        else:
+            changes = {"f_asym": of_asym, "f_init_ratio": of_init / of_asym}
+        for name, factor in changes.items():
             varied[name] = varied.get(name, np.full(len(factor), getattr(parameters, name))) * factor
         return varied
 

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from bow_sim.graph import environment
 from bow_sweep.cli import (
     compare,
+    edges,
     explore,
+    exponent,
     export,
     figure,
     inspect,
@@ -37,8 +39,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    single, whole = (inspect, explore, transient), (verify, replay, recover, figure, validate, compare, repeats, export)
-    for module in (sweep, *single, *whole, settings):
+    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
+    for module in (*looked_at, verify, replay, recover, export, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

@@ -159,17 +159,17 @@ def _left_out(log: Path) -> str:
     return f"without {log.stem} to its end: see {log}"
 
 
-def _of_plane(found: dict[str, Any]) -> int:
-    """Return how many cells of the plane a run has planned, from its report."""
-    return int(found["cells"]["planned"]) // (1 + found.get("repeats", {"repeats": 0})["repeats"])
-
-
 def _in_si(found: dict[str, Any]) -> list[str]:
     """Return what all cells share in SI units, as a line, where the run has such units."""
     shared = found.get("si")  # older reports have no such entry
     if not shared:
         return []
     return ["in all cells: " + ", ".join(f"{n} {e['value']:.4g} {e['unit']}".rstrip() for n, e in shared.items())]
+
+
+def _of_plane(found: dict[str, Any]) -> int:
+    """Return how many cells of the plane a run has planned, from its report."""
+    return int(found["cells"]["planned"]) // (1 + found.get("repeats", {"repeats": 0})["repeats"])
 
 
 def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -> str:
@@ -185,8 +185,8 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
         f"{cells['done']} of {cells['planned']} cells{number} in {found['wall_seconds']:.1f} s; "
         f"Helmholtz motion in {found['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
-        *(in_words(repeats) if repeats else ()),
         *_in_si(found),
+        *(in_words(repeats) if repeats else ()),
         *map(_left_out, left_out),
         "",
         f"{directory}/",

@@ -17,7 +17,8 @@ from bokeh.plotting import figure
 
 from bow_sweep.explore.layers import Entry, Layer, hex_colour
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, PlotAxis
-from bow_sweep.maps.limits import LABELS, drawn
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import Plane
 
 BLUE, MUTED, ORANGE, GRID = "#1f4e79", "#777777", "#d55e00", "#e8e8e8"

@@ -19,7 +19,8 @@ from matplotlib.ticker import FixedFormatter, FixedLocator
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import transient_colours
 from bow_sweep.maps.held_fixed import gesture_of, held_fixed, string_of
-from bow_sweep.maps.limits import LABELS, drawn
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import Plane
 
 UNIT_DPI = 200

@@ -27,7 +27,7 @@ LAW_SETTINGS = {"hyperbola": ("v_mid", "mu_s", "mu_d"), "coulomb": ("mu_s", "mu_
 ALWAYS = ("v_mid", "bow_bridge", "mu_s", "mu_d", "v_b", "y_t")
 """Settings that every caption names, because every map depends on them; v_b and y_t are the units of the others."""
 
-ELSEWHERE = ("model", "gesture", "periods", "dtype", "period", "bow_offset")
+ELSEWHERE = ("model", "gesture", "periods", "dtype", "period", "bow_offset", "v_unit", "string_length")
 """Settings that a caption has in other words, or that change no map."""
 
 ALSO_MOVES = {"bow_acceleration": {"sample_rate"}, "v_0": {"v_b"}, "bow_distance": {"string_length"}}
@@ -120,7 +120,7 @@ def _held(name: str, given: dict[str, str], beside: str) -> Held:
     if name == "bow_bridge" and "period" in given:
         trip = float(given[name]) + float(given.get("bow_offset", 0))
         return Held(name, f"{trip:g}/{_short(given['period'])}", "", beside)
-    if name.endswith("_function"):
+    if name.endswith("_function") or name in ("body_modes", "friction_curve"):
         return Held(name, "own", "")
     return Held(name, _short(given[name]), unit_of(name), beside)
 

@@ -20,7 +20,6 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import ACCELERATED
 from bow_sim.physics.parameters import FIELDS, FLOATS, Parameters
 from bow_sim.physics.reflection import CREMER
-from bow_sweep.maps.axes import PlotAxis
 from bow_sweep.maps.plane import Plane
 
 HARMONICS = 60
@@ -37,9 +36,6 @@ MOST_POINTS = 512
 
 STILL = 1e-9
 """Relative change along an axis below which a limit does not move."""
-
-BETWEEN = 16
-"""Points between two of a curve where it is drawn."""
 
 TITLES = {
     "schelleng_max": "Schelleng's maximum",
@@ -86,23 +82,6 @@ class Limit(NamedTuple):
     inputs: str
 
 
-class Drawn(NamedTuple):
-    """A limit in a picture of a map.
-
-    Parameters
-    ----------
-    limit : Limit
-    runs : tuple of ndarray, each (points, 2)
-        What of it lies within the axes, positions in cells.
-    label : tuple of float
-        Position of its label, cells.
-    """
-
-    limit: Limit
-    runs: tuple[NDArray[np.float64], ...]
-    label: tuple[float, float]
-
-
 # Schelleng
 
 
@@ -132,7 +111,7 @@ def bridge_admittance(p: Parameters) -> NDArray[np.complex128] | None:
             y *= s / (s + p.bridge_w_c * 2 * math.pi * f_0)
     elif p.model == "raman":
         y += sum((1 - gain) / (1 + gain) for gain in (p.bridge_gain, p.nut_gain))
-    for f, q, kappa in body.modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale):
+    for f, q, kappa in body.modes_of(p):
         w = 2 * math.pi * f
         y += kappa * w * s / (s * s + s * w / q + w * w)
     return y
@@ -215,7 +194,7 @@ def guettler_bounds(p: Parameters) -> tuple[float, float] | None:
 def limits(plane: Plane) -> tuple[Limit, ...]:
     """Return the limits that are curves in the plane of a map; () where there are none, or its settings are unknown.
 
-    They may lie outside of the axes; :func:`drawn` has what is inside.
+    They may lie outside of the axes; :func:`bow_sweep.maps.limit_lines.drawn` has what is inside.
     """
     if "model" not in plane.values:
         return ()
@@ -308,7 +287,7 @@ def _bridge(cells: list[Parameters]) -> str:
             parts.append(f"K/R = {_range(cell.bridge_w_c for cell in ends_of)} w_0")
     elif p.model == "raman":
         parts.append("R of the losses of both ends")
-    found = body.modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale)
+    found = body.modes_of(p)
     if found:
         modes = "1 mode" if len(found) == 1 else f"{len(found)} modes"
         parts.append(f"{modes} of the body" + f" {p.body}" * (p.body != "none"))
@@ -319,79 +298,6 @@ def _range(values: Iterable[float]) -> str:
     found = [float(value) for value in values]
     low, high = f"{min(found):.4g}", f"{max(found):.4g}"
     return low if low == high else f"{low} ... {high}"
-
-
-# Pictures
-
-
-def drawn(plane: Plane) -> tuple[Drawn, ...]:
-    """Return the limits that lie within the axes of a map, with positions for lines and labels."""
-    found: list[Drawn] = []
-    for limit in limits(plane):
-        runs = _inside(plane, limit)
-        if runs:
-            found.append(Drawn(limit, runs, _label(plane, runs, [each.label for each in found], len(found))))
-    return tuple(found)
-
-
-def _inside(plane: Plane, limit: Limit) -> tuple[NDArray[np.float64], ...]:
-    """Return the parts of a limit within the axes, positions in cells, each (points, 2)."""
-    x, y = plane.axes
-    points = np.array([(_position(x, a), _position(y, b)) for a, b in zip(limit.x, limit.y, strict=True)])
-    steps = np.arange(BETWEEN * (len(points) - 1) + 1) / BETWEEN
-    fine = np.column_stack([np.interp(steps, np.arange(len(points)), column) for column in points.T])
-    ny, nx = plane.shape
-    inside = np.isfinite(fine).all(axis=1) & (fine >= 0).all(axis=1) & (fine <= (nx, ny)).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    return tuple(fine[first:last] for first, last in edges.reshape(-1, 2) if last - first > 1)
-
-
-def _position(axis: PlotAxis, value: float) -> float:
-    if not math.isfinite(value) or (axis.scale == "log" and value <= 0):
-        return math.nan
-    return axis.position(value)
-
-
-def _label(
-    plane: Plane, runs: tuple[NDArray[np.float64], ...], taken: list[tuple[float, float]], number: int
-) -> tuple[float, float]:
-    """Return where the label of a limit is best: within the map, off its edges and away from other labels."""
-    ny, nx = plane.shape
-    points = np.concatenate(runs)
-    shares = points / (nx, ny)
-    room = np.minimum(shares, 1 - shares)
-    good = np.minimum(room[:, 0] / 0.08, 1) + np.minimum(room[:, 1] / 0.1, 1)
-    for x, y in taken:
-        away = np.abs(shares - np.array([x / nx, y / ny]))
-        good = good + np.minimum(np.maximum(away[:, 0] / 0.2, away[:, 1] / 0.15), 1)
-    wanted = np.abs(np.linspace(0, 1, len(points)) - (0.7, 0.3)[number % 2])
-    x, y = points[int(np.argmax(good - 0.2 * wanted))]
-    return float(x), float(y)
-
-
-def limit_lines(plane: Plane, width: int) -> list[str]:
-    """Return formulas and inputs of the limits, and which lie outside of the axes, as lines for a caption.
-
-    Parameters
-    ----------
-    width
-        Letters in a line, where words allow it.
-    """
-    found = limits(plane)
-    shown = {each.limit.name for each in drawn(plane)}
-    lines: list[str] = []
-    same_inputs = len({each.inputs for each in found}) == 1
-    for each in found:
-        where = "" if each.name in shown else f"{TITLES[each.name]} lies outside of the axes: "
-        told = not same_inputs or each is found[-1]
-        lines += _wrapped(f"{where}{each.formula}" + f", {each.inputs}" * told, width)
-    return lines
-
-
-def _wrapped(text: str, width: int) -> list[str]:
-    import textwrap
-
-    return textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False, subsequent_indent="    ")
 
 
 def limit_arrays(plane: Plane) -> dict[str, NDArray[np.float64]]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.physics.applicability import check_axes, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
 from bow_sim.physics.parameters import Parameters, parse_settings
@@ -108,6 +109,7 @@ class Sweep:
         common = {name: value for name, value in spec.plain.items() if name not in (x.name, y.name)}
         parameters = replace(spec, plain=common).parameters()
         check_plane(parameters, x, y)
+        check_axes(parameters, (x.name, y.name))
         adaptive, repeats = spec.share("adaptive", cls.adaptive), Repeats.of(spec)
         repeats.check(parameters, x, y)
         if spec.block_cells is None:
@@ -142,6 +144,11 @@ class Sweep:
         """
         physics = [line for line in self.settings() if not line.startswith("classifier.")]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is allowed in the settings, but perhaps not meant: a line for each."""
+        return notes_of_map(self.parameters, self.x, self.y)
 
     @property
     def cells(self) -> int:

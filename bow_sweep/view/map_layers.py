@@ -20,7 +20,8 @@ import rerun as rr
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import regime_legend
 from bow_sweep.maps.held_fixed import cell_names
-from bow_sweep.maps.limits import LABELS, drawn
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import NOT_COMPUTED, TEST_LAYERS, Plane, Snapshot, upright
 from bow_sweep.view.codes import (
     Meaning,
@@ -243,7 +244,7 @@ def _bars(plane: Plane) -> rr.BarChart:
     """Return how many cells have each transient length."""
     ends = np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)
     found = plane.transient_periods[np.nan_to_num(plane.transient_periods) > 0]
-    counts = np.bincount(np.rint(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
+    counts = np.bincount(np.ceil(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
     return rr.BarChart(counts, abscissa=ends, widths=np.full(len(ends), 0.9 * CHUNK_PERIODS), color=BAR_COLOUR)
 
 

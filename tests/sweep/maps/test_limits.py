@@ -11,14 +11,13 @@ from planes import plane_of
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import ends
 from bow_sweep.maps import limits as module
+from bow_sweep.maps.limit_lines import drawn, limit_lines
 from bow_sweep.maps.limits import (
     HARMONICS,
     admittance,
     bridge_admittance,
-    drawn,
     guettler_bounds,
     limit_arrays,
-    limit_lines,
     limits,
     pressed,
     schelleng_max,
