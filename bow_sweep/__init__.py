@@ -12,6 +12,7 @@ explore            the page in the browser
 coordinator        who hands out the blocks
 processes          the processes of a graph on this machine
 paper              what the paper states, beside what is found
+beyond             the claims made since, beside what is found
 cli                the command `bow`
 entry              entry points of the executables
 

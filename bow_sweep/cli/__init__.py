@@ -13,8 +13,10 @@ replay        `bow replay`
 recover       `bow recover`
 figure        `bow figure`
 validate      `bow validate`
+validate_beyond  its second page, `bow validate --beyond`
 compare       `bow compare`
 explore       `bow explore`
+repeats       `bow repeats`
 export        `bow export`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on

@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from bow_sim.physics.applicability import notes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.inspect import BODY_HELP, SOUND_HELP, check_sound
 from bow_sweep.cli.settings import SET_HELP
-from bow_sweep.cli.terminal import fail
+from bow_sweep.cli.terminal import fail, warn
 from bow_sweep.processes.exit_status import DONE
 
 SHORT = ("model", "v_mid", "f_asym", "f_init_ratio", "periods")
@@ -60,6 +61,8 @@ def _transient(args: argparse.Namespace) -> int:
             check_plot(args.plot)
     except (ParameterError, ValueError) as error:
         return fail(str(error))
+    for note in notes(parameters):
+        warn(f"note: {note}")
     from bow_sim.kernel.block import transient
 
     waveforms = transient(parameters)
