@@ -34,6 +34,8 @@ ABOUT: dict[str, tuple[str, str]] = {
     "corners": ("travelling corners in the five periods before the test", "1"),
     "helmholtz": ("all three tests passed", ""),
     "confidence": ("probability that the regime is right", "1"),
+    "beat": ("beat of a wolf; NaN = the regime is another one", "periods"),
+    "transient": ("Guettler's transient, from the first slip, known by then; 0 = none yet", "periods"),
     "simulated": ("cell was simulated; the others are predicted", ""),
     "regressions": ("how often a test failed after the test before had passed", "1"),
     "flattening": ("how far Helmholtz motion at the last test is below nominal pitch; NaN elsewhere", "cents"),

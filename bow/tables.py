@@ -58,7 +58,7 @@ def columns(of: Found) -> dict[str, np.ndarray]:
         "count": found.count.ravel(),
         "terrain": of.terrain.ravel(),
     }
-    for name in ("confidence", "correlation", "period", "slips", "corners", "helmholtz"):
+    for name in ("confidence", "correlation", "period", "slips", "corners", "helmholtz", "beat"):
         layer = getattr(found, name)
         if layer is not None and len(layer):
             out[f"last_{name}"] = layer[-1].ravel()

@@ -11,6 +11,7 @@ from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.physics.parameters import CHUNK_PERIODS, Parameters
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.waveform import Waveform
+from bow_sweep.maps.basin_map import transient_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,10 @@ class CellTests:
         uint16, number in the five periods before the test.
     helmholtz
         bool: whether all three tests passed.
+    beat
+        float32, nominal periods: of a wolf; NaN = none, or not kept.
+    transient
+        float32, nominal periods: Guettler's transient as known at the test, 0 = none yet; NaN for other gestures.
     """
 
     periods: np.ndarray
@@ -41,6 +46,8 @@ class CellTests:
     slips: np.ndarray
     corners: np.ndarray
     helmholtz: np.ndarray
+    beat: np.ndarray
+    transient: np.ndarray
     regime_names: tuple[str, ...]
 
     @classmethod
@@ -56,8 +63,8 @@ class CellTests:
 
     @property
     def transient_periods(self) -> float:
-        """Periods until the tests first passed; 0 = never."""
-        return float(self.periods[np.argmax(self.helmholtz)]) if self.helmholtz.any() else 0.0
+        """Periods until the tests first passed, or Guettler's transient; 0 = never."""
+        return float(transient_lengths(self.regime[:, None], self.transient[:, None])[0])
 
     def name(self, test: int = -1) -> str:
         """Return the name of the regime at a test; "pending" without a verdict."""

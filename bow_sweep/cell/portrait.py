@@ -76,6 +76,8 @@ class Portrait:
         if len(tests.periods):
             sure = float(tests.confidence[-1])
             last = regime_label(tests.name()) + ("" if np.isnan(sure) else f", confidence {sure:.2f}")
+            if not np.isnan(tests.beat[-1]):
+                last += f", beat {float(tests.beat[-1]):.1f} periods"
             lines.append(("regime at the end", last))
             lines.append(
                 ("regimes", "; ".join(f"{a}-{b} {regime_label(name)}" for a, b, name in tests.runs()) + " (periods)")

@@ -323,6 +323,10 @@ class RunCells:
         tests = len(found.test_periods)
         regime = np.full(tests, PENDING, np.uint8)
         confidence = np.full(tests, np.nan, np.float32)
+        rare = {
+            name: np.full(tests, np.nan, np.float32) if layer is None else layer[:, iy, ix].copy()
+            for name, layer in (("beat", found.beat), ("transient", found.transient))
+        }
         if found.regimes is not None and found.confidence is not None:
             regime, confidence = found.regimes[:, iy, ix].copy(), found.confidence[:, iy, ix].copy()
         elif tests:
@@ -335,6 +339,7 @@ class RunCells:
             regime=regime,
             confidence=confidence,
             helmholtz=found.helmholtz[:, iy, ix].copy(),
+            **rare,
             regime_names=found.regime_names,
             **layers,
         )

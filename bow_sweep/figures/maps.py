@@ -114,7 +114,8 @@ def _scale_with_counts(layout: Layout, plane: Plane, left: float, top: float, he
     tall = height - len(extras) * (box + gap)
     bar = layout.length_bar(plane, left, top, 44, tall)
     lengths = lengths_of(plane)
-    counts = np.array([(plane.transient_periods == length).sum() for length in lengths])
+    tests = np.ceil(plane.transient_periods / CHUNK_PERIODS) * CHUNK_PERIODS  # Guettler's transient has any length
+    counts = np.array([(tests == length).sum() for length in lengths])
     beside = layout.axes(left + 172, top, 170, tall)
     colours = transient_colours(lengths, plane.periods) / 255
     beside.barh(lengths, counts, CHUNK_PERIODS, color=colours, edgecolor="0.4", linewidth=0.2)

@@ -12,6 +12,26 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 
 
+def transient_lengths(regime: np.ndarray, transient: np.ndarray) -> np.ndarray:
+    """Return the transient lengths of cells, (cells,) float32 periods; 0 = never.
+
+    Parameters
+    ----------
+    regime
+        (tests, cells) codes.
+    transient
+        (tests, cells) of the verdicts: for the gesture guettler the transient known at each test, which is longer than
+        0 once there is one; the latest counts. NaN for other gestures: then the first test that passed.
+    """
+    passed = is_helmholtz(regime)
+    by_tests = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+    known = ~np.isnan(transient)
+    if not known.any():
+        return by_tests
+    latest = len(known) - 1 - known[::-1].argmax(axis=0)
+    return np.where(known.any(axis=0), transient[latest, np.arange(transient.shape[1])], by_tests)
+
+
 class Basin:
     """The verdicts over the plane of a sweep.
 
@@ -30,7 +50,8 @@ class Basin:
     tested
         (cells,) uint16, number of tests of each cell.
     transient_periods
-        (cells,) float32, periods until the tests first passed (section III.B); 0 = not yet, NaN = no test.
+        (cells,) float32, periods until the tests first passed (section III.B), or, where the verdicts have one,
+        Guettler's transient (PHYSICS.md section 14); 0 = not yet, NaN = no test.
     """
 
     def __init__(self, nx: int, ny: int, tests: int, repeats: int = 0) -> None:
@@ -56,8 +77,7 @@ class Basin:
             layer[test, cells] = verdict[name]
         regime = self.layers["regime"][:, cells]
         self.tested[cells] = np.count_nonzero(regime != PENDING, axis=0)
-        passed = is_helmholtz(regime)
-        self.transient_periods[cells] = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0)
+        self.transient_periods[cells] = transient_lengths(regime, self.layers["transient"][:, cells])
 
     def latest(self, name: str) -> np.ndarray:
         """Return a layer at the latest test of every cell, (cells,)."""

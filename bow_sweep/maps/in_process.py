@@ -9,8 +9,9 @@ from threading import Event
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bow_classifier.block_classifier import BlockClassifier, Geometry, Verdicts
+from bow_classifier.block_classifier import Verdicts
 from bow_classifier.features.slips import Intervals
+from bow_classifier.task import classifier_of
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.cells import paper_lanes
@@ -56,9 +57,11 @@ def judged_chunks(
     block = Block(parameters, lanes)
     cells = len(np.asarray(next(iter(lanes.values()))))
     in_paper_units = paper_lanes(parameters, lanes)
-    speed = in_paper_units.get("v_b", parameters.v_b)
-    position = in_paper_units.get("bow_bridge", parameters.bow_bridge)
-    classifier = BlockClassifier(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
+    values = {
+        name: np.broadcast_to(np.asarray(in_paper_units.get(name, getattr(parameters, name)), np.float64), (cells,))
+        for name in ("v_b", "bow_bridge", "acceleration")
+    }
+    classifier = classifier_of(parameters, thresholds or Thresholds(), values)
     for _ in range(parameters.chunks):
         chunk = block.advance()
         yield chunk, classifier.classify(chunk.bridge_force, intervals_of(chunk))

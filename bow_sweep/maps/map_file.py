@@ -24,8 +24,11 @@ MAP = "map.npz"
 
 _KINDS: dict[str, Any] = {name: field.kind for name, field in VERDICT_FIELDS.items()}
 
-HISTORY = {"regimes": _KINDS.pop("regime"), "confidence": _KINDS.pop("confidence")}
+HISTORY = {"regimes": _KINDS.pop("regime")} | {name: _KINDS.pop(name) for name in ("confidence", "beat", "transient")}
 """Name -> type of the arrays with a value for every test of every cell that older files do not have."""
+
+RARE = ("beat", "transient")
+"""Those of `HISTORY` that a file has only where a cell has a value: of a wolf, and of Guettler's gesture."""
 
 TESTS = {**_KINDS, "helmholtz": np.bool_}
 """Name -> type of the arrays with a value for every test of every cell that every file has."""
@@ -60,6 +63,10 @@ class MapFile(Plane):
         (tests, ny, nx) uint8: `regime` at every test; None in older files.
     confidence
         (tests, ny, nx) float32: probability that the regime is right; NaN = no verdict; None in older files.
+    beat
+        (tests, ny, nx) float32, periods: the beat of wolves; NaN = none; None where there is none in the whole map.
+    transient
+        (tests, ny, nx) float32, periods: Guettler's transient so far, 0 = none yet; None for other gestures.
     simulated
         (ny, nx) bool: which cells of an adaptive sweep were simulated; in the others `transient_periods` is predicted,
         or NaN where a block was given up. None for an exhaustive sweep.
@@ -77,6 +84,8 @@ class MapFile(Plane):
     regimes: np.ndarray | None = None
     confidence: np.ndarray | None = None
     reliability: Reliability | None = None
+    beat: np.ndarray | None = None
+    transient: np.ndarray | None = None
 
     @property
     def regressions(self) -> np.ndarray:
@@ -136,9 +145,14 @@ class MapFile(Plane):
             settings=sweep.settings(),
             preset=sweep.preset,
             test_periods=np.arange(1, basin.tests + 1) * CHUNK_PERIODS,
-            **{name: basin.of_plane(layers[name]) for name in (*TESTS, *HISTORY)},
+            **of_all_tests({name: basin.of_plane(layers[name]) for name in (*TESTS, *HISTORY)}),
             reliability=Reliability.of_basin(basin, done),
         )
+
+
+def of_all_tests(layers: dict[str, Any]) -> dict[str, Any]:
+    """Return the arrays of all tests without those of `RARE` in which no cell has a value: they are None."""
+    return layers | {name: None for name in RARE if np.isnan(layers[name]).all()}
 
 
 def map_arrays(result: MapFile) -> dict[str, np.ndarray]:

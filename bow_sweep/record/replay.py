@@ -17,13 +17,14 @@ import numpy as np
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
-from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_classifier.verdict.regimes import REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.atomic_files import replacing
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+from bow_sweep.maps.basin_map import transient_lengths
 from bow_sweep.maps.reliability import Reliability
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
@@ -221,11 +222,10 @@ def replay(
 
 def _summary(layers: dict[str, np.ndarray], outline: SweepOutline) -> dict[str, Any]:
     """Return the numbers of cells and regimes; shares and regimes are those of the plane, without repeats."""
-    passed = is_helmholtz(layers["regime"]) & layers["tested"]
     tests, plane = layers["tested"].sum(axis=0), outline.plane_cells
     latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))]
     counts = np.bincount(latest[:plane][tests[:plane] > 0], minlength=len(REGIMES))
-    lengths = np.where(passed.any(axis=0), passed.argmax(axis=0) + 1, 0)
+    lengths = transient_lengths(layers["regime"], layers["transient"])
     found = Reliability.of(outline.shape, latest, lengths, tests == outline.chunks)
     helmholtz = lengths[:plane] > 0
     return {

@@ -18,7 +18,7 @@ from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.held_fixed import common_in_si
-from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays
+from bow_sweep.maps.map_file import DERIVED, HISTORY, MAP, TESTS, MapFile, map_arrays, of_all_tests
 from bow_sweep.maps.playability import playability
 from bow_sweep.maps.reliability import Reliability
 from bow_sweep.plan.adaptive import fill
@@ -43,15 +43,18 @@ _EVENTS = {"done": BlockState.DONE, "quarantined": BlockState.QUARANTINED, "reop
 _STATES = {0: "outstanding", BlockState.DONE: "done", BlockState.QUARANTINED: "quarantined"}
 
 
-def transient_lengths(passed: np.ndarray) -> np.ndarray:
-    """Return the transient lengths, (cells,) float32 periods, 0 = never.
+def transient_lengths(passed: np.ndarray, stated: np.ndarray) -> np.ndarray:
+    """Return the transient lengths of cells that are done, (cells,) float32 periods, 0 = never.
 
     Parameters
     ----------
     passed
         (tests, cells) bool: whether the tests found Helmholtz motion.
+    stated
+        (tests, cells) float32: what the verdicts give as transient; NaN unless the gesture is Guettler's.
     """
-    return np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+    by_tests = np.where(passed.any(axis=0), (passed.argmax(axis=0) + 1) * CHUNK_PERIODS, 0).astype(np.float32)
+    return np.where(np.isnan(stated[-1]), by_tests, stated[-1])
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ class FileChecks:
         plan = self._plan()
         done, here = self.done, slice(expected.plane_cells)
         passed = is_helmholtz(layers["regime"])
-        lengths, latest = transient_lengths(passed), layers["regime"][-1]
+        lengths, latest = transient_lengths(passed, layers["transient"]), layers["regime"][-1]
         length = np.where(done, lengths, np.float32(np.nan))[here].reshape(expected.shape)
         if expected.planned.adaptive:
             length = np.where(expected.planned.planned.reshape(expected.shape), length, fill(length))
@@ -130,7 +133,7 @@ class FileChecks:
             regime=np.where(done, latest, np.uint8(PENDING))[here].reshape(expected.shape),
             simulated=done.reshape(expected.shape) if expected.planned.adaptive else None,
             reliability=Reliability.of(expected.shape, latest, lengths, done),
-            **tests,
+            **of_all_tests(tests),
         )
 
     def _arrays(self, path: Path, result: MapFile) -> None:
@@ -191,6 +194,7 @@ class FileChecks:
             **findings(
                 result.transient_periods,
                 result.regime.ravel()[self.done[: self.expected.plane_cells]],
+                self.expected.parameters.gesture,
                 self.expected.repeats,
                 result.reliability,
             ),

@@ -174,7 +174,8 @@ class Run:
         """Return the entries of the report that follow from the verdicts."""
         length, done = self.transient_periods(basin), self.done()
         regimes = basin.of_plane(basin.latest("regime"))[basin.of_plane(done)]
-        return findings(length, regimes, self.sweep.repeats, Reliability.of_basin(basin, done))
+        gesture = self.sweep.parameters.gesture
+        return findings(length, regimes, gesture, self.sweep.repeats, Reliability.of_basin(basin, done))
 
     def cells_in(self, state: State) -> int:
         """Return how many cells are in blocks of a state."""
@@ -245,7 +246,11 @@ def digest(path: Path) -> str | None:
 
 
 def findings(
-    transient_periods: np.ndarray, regimes: np.ndarray, repeats: Repeats, reliability: Reliability | None
+    transient_periods: np.ndarray,
+    regimes: np.ndarray,
+    gesture: str,
+    repeats: Repeats,
+    reliability: Reliability | None,
 ) -> dict[str, Any]:
     """Return the entries of a report that follow from the map.
 
@@ -255,12 +260,16 @@ def findings(
         (ny, nx), see :meth:`Run.transient_periods`.
     regimes
         (cells of the plane that are done,) codes at the latest test.
+    gesture
+        Of the sweep. For *guettler* there is also the share of cells whose transient is perfect, less than a period.
     repeats, reliability
         How the cells are repeated, and what the repeats end as; None where there are none.
     """
     length = np.nan_to_num(transient_periods)
     counts = np.bincount(regimes, minlength=len(REGIMES))[: len(REGIMES)]
+    perfect = {"perfect_fraction": float(np.mean((length > 0) & (length < 1)))} if gesture == "guettler" else {}
     return {
+        **perfect,
         "helmholtz_fraction": float(np.mean(length > 0)),
         "median_transient_periods": float(np.median(length[length > 0])) if length.any() else None,
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},

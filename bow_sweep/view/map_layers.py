@@ -244,7 +244,7 @@ def _bars(plane: Plane) -> rr.BarChart:
     """Return how many cells have each transient length."""
     ends = np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)
     found = plane.transient_periods[np.nan_to_num(plane.transient_periods) > 0]
-    counts = np.bincount(np.rint(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
+    counts = np.bincount(np.ceil(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
     return rr.BarChart(counts, abscissa=ends, widths=np.full(len(ends), 0.9 * CHUNK_PERIODS), color=BAR_COLOUR)
 
 
