@@ -55,6 +55,15 @@ def ros_wheels() -> list[str]:
     return [line.strip() for line in Path("requirements.txt").read_text().splitlines() if line.startswith("ros-")]
 
 
+def package_dir() -> dict[str, str]:
+    """Where the packages are, said such that `pip install --editable` puts this folder on the path of Python.
+
+    Unless it is said, setuptools installs a finder that Python asks last. A folder named bow where a script runs, as a
+    clone of this repository beside it, would then be imported in place of the package.
+    """
+    return {"": "."} if "setuptools.build_meta" in sys.modules else {}
+
+
 stop_without_messages()
 console_scripts, shims = executables()
 setup(
@@ -63,6 +72,7 @@ setup(
     description="Basin maps of the bowed string, swept on a ROS 2 graph",
     license="Apache-2.0",
     python_requires=">=3.10",
+    package_dir=package_dir(),
     packages=find_packages(include=["bow", "bow.*", "bow_sim*", "bow_classifier*", "bow_sweep*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/bow"]),

@@ -45,7 +45,7 @@ NARROWEST_MM, WIDEST_MM = 40.0, 400.0
 MM = 1 / 25.4
 LEFT, RIGHT, TOP = 0.50, 0.10, 0.08
 """Inches beside and above the panel."""
-BELOW_AXIS, LINE = 0.46, 0.16
+BELOW_AXIS, LINE = 0.40, 0.135
 """Inches from the panel to the legend, and from one of its lines to the next."""
 SHAPE = 0.62
 """Height of a panel over its width, where cells would be too narrow as squares."""
@@ -132,10 +132,10 @@ def _drawn(of: Found, layer: str, scale: _Scale, width: float) -> Figure:
     across = width - LEFT - RIGHT
     ny, nx = of.shape
     tall = across * min(1.0, max(SHAPE, ny / nx))
-    columns = max(1, int(across / 1.5))
+    columns = max(1, int(across / 1.2))
     lines = -(-len(scale.names) // columns)
-    bar = 0.46 if scale.ends else 0.0
-    below = BELOW_AXIS + bar + LINE * lines + 0.06
+    bar = 0.42 if scale.ends else 0.0
+    below = BELOW_AXIS + bar + LINE * lines + 0.05
     height = TOP + tall + below
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
@@ -150,9 +150,14 @@ def _drawn(of: Found, layer: str, scale: _Scale, width: float) -> Figure:
         _bar(figure.add_axes(at), scale, LAYERS[layer])
     if scale.names:
         patches = [Patch(facecolor=_share(c), edgecolor="0.3", lw=0.4, label=name) for name, c in scale.names]
-        place: Any = {"loc": "lower left", "bbox_to_anchor": (LEFT / width - 0.01, 0.0), "borderaxespad": 0.2}
+        place: Any = {
+            "loc": "lower left",
+            "bbox_to_anchor": (LEFT / width, 0.0),
+            "borderaxespad": 0.1,
+            "borderpad": 0.2,
+        }
         figure.legend(handles=patches, ncols=columns, fontsize=6.5, frameon=False, handlelength=1.2,
-                      handleheight=0.9, columnspacing=1.0, labelspacing=0.25, **place)  # fmt: skip
+                      handleheight=0.9, columnspacing=1.0, labelspacing=0.3, **place)  # fmt: skip
     return figure
 
 
@@ -173,5 +178,5 @@ def _symbol(axis: PlotAxis) -> str:
     """Return the symbol of an axis with its unit."""
     title = axis.title()
     symbol = title.partition("  ")[2].partition("  (")[0] or title.partition("  (")[0]
-    unit = unit_of(axis.name)
+    unit = unit_of(axis.name).replace("v_b", "$v_b$").replace("Y_T", "$Y_T$")
     return f"{symbol}  ({unit})" if unit else symbol

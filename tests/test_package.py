@@ -108,6 +108,13 @@ def test_this_environment_is_a_ros_prefix_with_both_packages(monkeypatch: pytest
     assert (Path(get_package_share_directory("bow_msgs")) / "msg" / "Plan.msg").is_file()
 
 
+def test_a_folder_named_bow_beside_a_script_does_not_hide_the_package(tmp_path: Path) -> None:
+    (tmp_path / "bow").mkdir()  # a clone of this repository is one
+    (tmp_path / "mine.py").write_text("import bow\nprint(bow.open.__name__)\n")
+    told = subprocess.run([sys.executable, "mine.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert told.stdout == "open_run\n", told.stderr
+
+
 @pytest.mark.parametrize("kind", ["msg", "action"])
 def test_the_installed_interfaces_are_those_of_the_sources(kind: str) -> None:
     installed = Path(sys.prefix, "share", "bow_msgs", kind)

@@ -241,8 +241,12 @@ class Block:
         return lanes
 
     def _lanes_of(self, values: Any) -> Any:
-        """Turn a named tuple of arrays over cells into one of arrays over lanes."""
-        return type(values)(*(self._lane(x) for x in values))
+        """Turn a named tuple of arrays over cells into one of arrays over lanes; what is common is a tuple in it."""
+        return type(values)(*(self._common(x) if isinstance(x, tuple) else self._lane(x) for x in values))
+
+    def _common(self, values: Any) -> Any:
+        """Return a named tuple of arrays as it is, in the arithmetic of the block."""
+        return type(values)(*(x.astype(self._dtype) for x in values))
 
     def _ring(self, last: int, taps: int) -> dict[str, Any]:
         guard = taps + time_loop.STRIDE - 1  # rows that eight steps read

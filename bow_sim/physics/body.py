@@ -75,7 +75,8 @@ MODE_RANGE = Range(0.0, math.inf, low_open=True)
 """The values of a setting of a single mode."""
 
 _SAME_AS = {"ratio": "f", "k": "m"}
-_MODE_SETTING = re.compile(rf"body_([1-9][0-9]{{0,3}})_({'|'.join(KINDS)})")
+MODE_SETTING = re.compile(rf"body_([1-9][0-9]{{0,3}})_({'|'.join(KINDS)})")
+"""The names of these settings: number and kind."""
 
 
 class Mode(NamedTuple):
@@ -96,7 +97,7 @@ class Resonators(NamedTuple):
 
 def mode_setting(name: str) -> tuple[int, str] | None:
     """Return number and kind of a setting of a single mode, ``body_1_f`` and so on; None for another name."""
-    found = _MODE_SETTING.fullmatch(name)
+    found = MODE_SETTING.fullmatch(name)
     return (int(found[1]), found[2]) if found else None
 
 
@@ -274,17 +275,16 @@ def read_modes(path: str | Path) -> str:
         raise ParameterError(f"{path}: cannot be read: {error}") from None
     if "/" in COMMENTS.sub("", text):
         return ", ".join(COMMENTS.sub("", text).replace(",", " ").split())
-    found = []
     try:
-        for line, words in rows(text):
-            if len(words) != 3:
-                raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be f in Hz, Q, and m in kg")
-            found.append("/".join(words))
+        table = list(rows(text))
     except ValueError as error:
         raise ParameterError(f"{path}, {error}") from None
-    if not found:
+    for line, words in table:
+        if len(words) != 3:
+            raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be f in Hz, Q, and m in kg")
+    if not table:
         raise ParameterError(f"{path}: must have lines of f in Hz, Q, and m in kg")
-    return ", ".join(found)
+    return ", ".join("/".join(words) for _, words in table)
 
 
 def _positive(word: str, what: str) -> float:

@@ -1,9 +1,10 @@
 """The written form of a sweep: "name=value" settings.
 
 Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map,
-``classifier.*`` for the thresholds of the verdicts, ``block_cells`` and ``adaptive``. Here the settings are only sorted
-into these groups and the axes are read: :mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and
-:mod:`bow_sim.protocol.sweep_outline` reads the complete settings that a plan announces.
+``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, and ``repeats``, ``jitter`` and
+``seed`` (:mod:`bow_sim.protocol.repeats`). Here the settings are only sorted into these groups and the axes are read:
+:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline`
+reads the complete settings that a plan announces.
 """
 
 from __future__ import annotations
@@ -73,8 +74,8 @@ class Axis:
         axis = cls(
             name=str(values["name"]),
             scale=str(values["scale"]),
-            first=_number(f"{key}.first", values["first"]),
-            last=_number(f"{key}.last", values["last"]),
+            first=real_number(f"{key}.first", values["first"]),
+            last=real_number(f"{key}.last", values["last"]),
             count=whole_number(f"{key}.count", values["count"]),
         )
         axis._check(key)
@@ -112,6 +113,15 @@ class Axis:
             )
 
 
+def axis_values(x: Axis, y: Axis, cells: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
+    """Return the values of the parameters of two axes at some cells, repeats included: {x.name: (cells,), y.name: ...}.
+
+    A repeat stands at the place of its cell: the index of a cell is iy * nx + ix, and repeats count on from there.
+    """
+    iy, ix = np.divmod(np.asarray(cells, np.int64) % (x.count * y.count), x.count)
+    return {x.name: x.values()[ix], y.name: y.values()[iy]}
+
+
 def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
     """Check two axes together with the parameters that all cells share.
 
@@ -142,6 +152,9 @@ class Spec:
     classifier: Mapping[str, object]
     block_cells: object = None
     adaptive: object = None
+    repeats: object = None
+    jitter: object = None
+    seed: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -168,7 +181,7 @@ class Spec:
             For any other value.
         """
         value = getattr(self, key)
-        share = default if value is None else _number(key, value)
+        share = default if value is None else real_number(key, value)
         if not 0 < share <= 1:
             raise ParameterError(f"{key} = {share:g}: should be above 0 and at most 1")
         return share
@@ -191,7 +204,7 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
             groups[head][tail] = value
         else:
             plain[key] = value
-    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive")}
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed")}
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 
@@ -209,7 +222,14 @@ def whole_number(key: str, value: object) -> int:
         raise ParameterError(f"{key} = {value!r}: should be a whole number") from None
 
 
-def _number(key: str, value: object) -> float:
+def real_number(key: str, value: object) -> float:
+    """Return a setting that is a number.
+
+    Raises
+    ------
+    ParameterError
+        Where it is not one.
+    """
     try:
         return float(str(value))
     except ValueError:

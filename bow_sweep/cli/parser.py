@@ -9,12 +9,15 @@ from collections.abc import Sequence
 from bow_sim.graph import environment
 from bow_sweep.cli import (
     compare,
+    edges,
     explore,
+    exponent,
     export,
     figure,
     inspect,
     nodes,
     recover,
+    repeats,
     replay,
     settings,
     sweep,
@@ -36,8 +39,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    shown = sweep, inspect, explore, transient, verify, replay, recover, figure, validate, compare, export, settings
-    for module in shown:
+    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
+    for module in (*looked_at, verify, replay, recover, export, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

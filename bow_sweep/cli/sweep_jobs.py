@@ -11,8 +11,9 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.identity import random_id
 from bow_sweep.plan.preset_files import Chosen, save
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.processes.new_directory import OwnedDirectory, create_directory, open_directory
+from bow_sweep.processes.new_directory import SUPERVISOR, OwnedDirectory, create_directory, open_directory
 from bow_sweep.run.campaign import FILE, Campaign, campaigns
+from bow_sweep.run.lock import take
 
 
 @dataclass(frozen=True)
@@ -94,24 +95,42 @@ def resume(directory: Path, lock: bool) -> Work:
     owned = open_directory(directory, lock)
     try:
         if not (directory / FILE).exists():
-            return Work(owned, None, _unfinished(directory, lock))
+            return Work(owned, None, unfinished(directory, lock))
         campaign = Campaign.in_directory(directory)
         jobs: list[Job] = []
         for preset, sweep in campaign.sweeps().items():
             run = directory / preset
-            if not run.is_dir() or not (any(run.glob("ledger.jsonl*")) or any(run.glob("bag/*"))):
+            if not has_begun(run):
                 jobs.append(Job(run, random_id(), sweep))
             else:
-                jobs += _unfinished(run, lock)
+                jobs += unfinished(run, lock)
         return Work(owned, campaign, jobs)
     except BaseException:
         owned.release()
         raise
 
 
-def _unfinished(directory: Path, lock: bool) -> list[Job]:
+def unfinished(directory: Path, lock: bool) -> list[Job]:
     """Return the job to resume a run, or none where it is finished; print what was found in ledger and bag."""
     from bow_sweep.coordinator.resume import prepare
 
     run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), lock)
     return [] if run.complete else [Job(directory, run.run_id, run.sweep, resume=True)]
+
+
+def has_begun(run: Path) -> bool:
+    """Return whether a run was begun in a directory."""
+    return run.is_dir() and (any(run.glob("ledger.jsonl*")) or any(run.glob("bag/*")))
+
+
+def shared_directory(directory: Path) -> OwnedDirectory:
+    """Create, or open, and lock a directory in which runs lie beside other files.
+
+    Raises
+    ------
+    RunError, OSError
+        Where it cannot be used, or another process is at work on it.
+    """
+    if not directory.exists():
+        return create_directory(directory, "")
+    return OwnedDirectory(directory, [], take(directory, SUPERVISOR), new=False)

@@ -25,6 +25,8 @@ TITLES = {
     "torsion_width": "width of torsional reflections",
     "corner_width": "width of the reflections",
     "bridge_w_c": "corner of Cremer's bridge K/R",
+    "bow_acceleration": "acceleration of the bow",
+    "beta": "position of the bow over length",
 }
 """Titles of axes; other parameters have the first words of their own description as title."""
 
@@ -35,6 +37,7 @@ SYMBOLS = {
     "tau_f": r"$\tau_f$",
     "stiffness_b": r"$B$",
     "bow_bridge": r"$\beta N$",
+    "beta": r"$\beta$",
 }
 """The paper's symbols, in Matplotlib's mathematics."""
 

@@ -39,24 +39,27 @@ class Basin:
     ----------
     nx, ny, tests
         Number of cells along x and y, and of tests of each cell.
+    repeats
+        How often each cell is repeated beside itself. Arrays have cells = (1 + repeats) * ny * nx values, those of the
+        plane first.
 
     Attributes
     ----------
     layers
-        Name -> (tests, ny * nx), one for each of :data:`bow_sim.protocol.verdict_fields.VERDICT_FIELDS`.
+        Name -> (tests, cells), one for each of :data:`bow_sim.protocol.verdict_fields.VERDICT_FIELDS`.
     tested
-        (ny * nx,) uint16, number of tests of each cell.
+        (cells,) uint16, number of tests of each cell.
     transient_periods
-        (ny * nx,) float32, periods until the tests first passed (section III.B), or, where the verdicts have one,
+        (cells,) float32, periods until the tests first passed (section III.B), or, where the verdicts have one,
         Guettler's transient (PHYSICS.md section 14); 0 = not yet, NaN = no test.
     """
 
-    def __init__(self, nx: int, ny: int, tests: int) -> None:
+    def __init__(self, nx: int, ny: int, tests: int, repeats: int = 0) -> None:
         self.nx, self.ny, self.tests = nx, ny, tests
-        shape = (tests, ny * nx)
+        shape = (tests, (1 + repeats) * ny * nx)
         self.layers: dict[str, np.ndarray] = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
-        self.tested = np.zeros(ny * nx, np.uint16)
-        self.transient_periods = np.full(ny * nx, np.nan, np.float32)
+        self.tested = np.zeros(shape[1], np.uint16)
+        self.transient_periods = np.full(shape[1], np.nan, np.float32)
 
     def take(self, test: int, cells: np.ndarray, verdict: Mapping[str, Any]) -> None:
         """Store the verdicts of one test of some cells; the same verdicts a second time change nothing.
@@ -77,14 +80,18 @@ class Basin:
         self.transient_periods[cells] = transient_lengths(regime, self.layers["transient"][:, cells])
 
     def latest(self, name: str) -> np.ndarray:
-        """Return a layer at the latest test of every cell, (ny * nx,)."""
+        """Return a layer at the latest test of every cell, (cells,)."""
         layer = self.layers[name]
         return layer[np.maximum(self.tested.astype(int), 1) - 1, np.arange(layer.shape[1])]
+
+    def of_plane(self, values: np.ndarray) -> np.ndarray:
+        """Return the values of the cells of the plane, (..., ny, nx), from those of all cells, (..., cells)."""
+        return values[..., : self.ny * self.nx].reshape(*values.shape[:-1], self.ny, self.nx)
 
     def regime_counts(self) -> np.ndarray:
         """Return how many cells are in each of `REGIMES` at their latest test, (regimes,)."""
         return np.bincount(self.latest("regime"), minlength=PENDING + 1)[: len(REGIMES)]
 
     def helmholtz_fraction(self) -> float:
-        """Return the share of all cells in which the tests have passed once."""
-        return float(np.mean(np.nan_to_num(self.transient_periods) > 0))
+        """Return the share of the plane in which the tests have passed once."""
+        return float(np.mean(np.nan_to_num(self.of_plane(self.transient_periods)) > 0))

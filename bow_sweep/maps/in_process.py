@@ -30,7 +30,15 @@ def intervals_of(chunk: ChunkResult) -> Intervals:
 def verdicts(
     parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
 ) -> Iterator[Verdicts]:
-    """Simulate cells and yield the verdicts after every five periods.
+    """Simulate cells and yield the verdicts after every five periods; see :func:`judged_chunks`."""
+    for _, verdict in judged_chunks(parameters, lanes, thresholds):
+        yield verdict
+
+
+def judged_chunks(
+    parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
+) -> Iterator[tuple[ChunkResult, Verdicts]]:
+    """Simulate cells and yield each chunk with the verdicts on it.
 
     Parameters
     ----------
@@ -56,7 +64,7 @@ def verdicts(
     classifier = classifier_of(parameters, thresholds or Thresholds(), values)
     for _ in range(parameters.chunks):
         chunk = block.advance()
-        yield classifier.classify(chunk.bridge_force, intervals_of(chunk))
+        yield chunk, classifier.classify(chunk.bridge_force, intervals_of(chunk))
 
 
 def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None, workers: int = 1) -> Basin:
@@ -70,7 +78,7 @@ def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None
         Number of blocks that are computed at a time, each by a thread: kernel and classifier run without Python's lock.
         The verdicts do not depend on it.
     """
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks, sweep.repeats.count)
     done, blocks = 0, sweep.first_blocks
     stop = Event()
 

@@ -18,10 +18,12 @@ import yaml
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.atomic_files import replacing
+from bow_sim.physics.body import MODE_SETTING
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
+from bow_sim.protocol.repeats import MAX_SEED
 from bow_sweep.plan.presets import presets, read_preset
 from bow_sweep.plan.sweep import Sweep, default_block_cells
 
@@ -140,16 +142,27 @@ def schema() -> dict[str, Any]:
     properties |= {"x": _axis("x"), "y": _axis("y"), "classifier": _group(thresholds)}
     whole = {"type": "integer", "minimum": 1}
     properties["block_cells"] = {**whole, "description": "cells that one simulator runs together"}
+    none = {"type": "integer", "minimum": 0}
+    properties["repeats"] = {**none, "description": "further simulations of each cell with slightly other forces"}
+    properties["jitter"] = {**_number(), "description": "largest relative deviation of a force in a repeat"}
+    properties["seed"] = {**none, "description": "other deviations of the repeats"}
     properties["adaptive"] = {**_number(), "description": "share of the cells to simulate at most"}
+    properties["repeats"] = {"type": "integer", "minimum": 0, "description": "further simulations of each cell"}
+    properties["jitter"] = {**_number(), "description": "largest relative deviation of the forces in a repeat"}
+    properties["seed"] = {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "of the deviations"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "preset of bow sweep",
         **_group(properties),
+        **_MODE,
     }
 
 
 def _group(properties: Mapping[str, Any]) -> dict[str, Any]:
     return {"type": "object", "properties": dict(properties), "additionalProperties": False}
+
+
+_MODE = {"patternProperties": {f"^{MODE_SETTING.pattern}$": {"description": "a single mode of the body"}}}
 
 
 def _number() -> dict[str, Any]:
@@ -160,7 +173,10 @@ def _axis(key: str) -> dict[str, Any]:
     return {
         **_group(
             {
-                "name": {"enum": sorted(SWEEPABLE | SI.keys()), "description": "the parameter along this axis"},
+                "name": {
+                    "anyOf": [{"enum": sorted(SWEEPABLE | SI.keys())}, {"pattern": f"^{MODE_SETTING.pattern}$"}],
+                    "description": "the parameter along this axis",
+                },
                 "scale": {"enum": ["log", "linear"]},
                 "first": {**_number(), "description": "first value"},
                 "last": {**_number(), "description": "last value"},

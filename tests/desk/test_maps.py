@@ -190,7 +190,7 @@ def test_a_sound_is_played_and_saved(computed: bow.Map, tmp_path: Path) -> None:
 def test_every_layer_has_a_picture_of_the_asked_width(computed: bow.Map, layer: str) -> None:
     figure = computed.plot(layer, width_mm=86).figure
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(86)
-    assert figure.axes[0].get_xlabel() == r"$f_\mathrm{asym}$  (v_b/Y_T)"
+    assert figure.axes[0].get_xlabel() == r"$f_\mathrm{asym}$  ($v_b$/$Y_T$)"
 
 
 def test_a_picture_is_saved_with_its_fonts_and_shown(computed: bow.Map, tmp_path: Path) -> None:

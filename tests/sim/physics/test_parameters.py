@@ -27,7 +27,7 @@ def _values(name):
 
 FREE = sorted(set(FIELDS) - {"periods", "period", "bow_bridge", "mu_s", "mu_d", "v_mid", "v_b"})
 FREE = [name for name in FREE if not name.endswith("_function")]
-NEEDS_OTHERS = ("friction", "body", "body_modes", "body_changes", "hair_r")
+NEEDS_OTHERS = ("friction", "friction_curve", "body", "body_modes", "body_changes", "hair_r", "sustained")
 FREE = [name for name in FREE if name not in NEEDS_OTHERS]
 
 
