@@ -10,7 +10,7 @@ unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH 
 unexport LD_LIBRARY_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION RMW_IMPLEMENTATION VIRTUAL_ENV
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-tests sweep lint types test test-fast test-full bench docs diagrams format clean python
+.PHONY: help setup setup-tests sweep lint types test test-fast test-full bench dist docs diagrams format clean python
 
 help:
 	@echo 'make sweep       set up, then run the recorded basin map fig11d (more: make sweep ARGS="--view")'
@@ -19,6 +19,7 @@ help:
 	@echo 'make test-fast   set up, then lint, types and the fast tests'
 	@echo 'make bench       kernel and graph against peers'
 	@echo 'make docs        these pages and a reference as a site, docs/_build/html'
+	@echo 'make dist        wheels of bow and bow_msgs and an sdist, in dist/: they install without a compiler'
 	@echo 'make format      put the sources into the house format'
 	@echo 'make clean       remove .venv, builds and caches; runs/ stays'
 
@@ -54,6 +55,11 @@ test: test-fast
 
 bench: setup-tests
 	$(VENV)/python -m bench $(ARGS)
+
+# For machines of this kind (Linux, processor, release of Python): the interfaces are compiled.
+dist: setup-tests
+	$(VENV)/python -m build --outdir dist .
+	$(VENV)/python -m build --wheel --outdir dist msg_defs
 
 # Warnings are errors: a page or a docstring that Sphinx does not understand is one that nobody can read.
 docs: setup-tests

@@ -50,6 +50,11 @@ def config_files() -> list[tuple[str, list[str]]]:
     return [(str(folder), sorted(str(path) for path in folder.iterdir() if path.is_file())) for folder in folders]
 
 
+def ros_wheels() -> list[str]:
+    """ROS 2 from PyPI, as requirements.txt has it, for those who install wheels of bow and bow_msgs: bow[ros]."""
+    return [line.strip() for line in Path("requirements.txt").read_text().splitlines() if line.startswith("ros-")]
+
+
 def package_dir() -> dict[str, str]:
     """Where the packages are, said such that `pip install --editable` puts this folder on the path of Python.
 
@@ -95,6 +100,7 @@ setup(
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10
     ],
     extras_require={
+        "ros": ros_wheels(),
         "explore": ["bokeh>=3.9,<4"],  # `bow explore`; `make setup` installs it
         "data": [
             "xarray>=2024.1",

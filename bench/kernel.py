@@ -42,6 +42,10 @@ class Case(NamedTuple):
 STIFF = {"model": "stiff_cremer"}
 SI = {"model": "delta_cremer", "string": "violin_g", "v_unit": "0.1"}
 TWENTY_MODES = ", ".join(STOPPANI.split(", ")[:20])
+TWENTY_POINTS = ", ".join(f"{i * i / 400!r}/{0.3 + 0.5 / (1 + i * i / 40)!r}" for i in range(20))
+
+PLAIN = "delta/Cremer, float64"
+"""What the cases of a violin are compared with: the same string without any of it."""
 
 CASES = {
     f"{title}, {dtype}": Case({"model": model, "dtype": dtype})
@@ -54,9 +58,11 @@ CASES = {
     "stiff/Cremer, one cell": Case(STIFF, cells=1),
     "delta/Cremer, hair": Case(SI | {"hair": "hair_soft"}, plain=False),
     "delta/Cremer, Coulomb": Case(SI | {"friction": "coulomb"}, plain=False),
+    "delta/Cremer, curve of 20 points": Case(SI | {"friction": "curve", "friction_curve": TWENTY_POINTS}, plain=False),
     "delta/Cremer, thermal": Case(SI | {"friction": "thermal"}, plain=False),
     "delta/Cremer, 4 modes": Case(SI | {"body": "signature"}, plain=False),
     "delta/Cremer, 20 modes": Case(SI | {"body_modes": TWENTY_MODES}, plain=False),
+    "delta/Cremer, 20 modes, one differs": Case(SI | {"body_modes": TWENTY_MODES}, "body_8_ratio", plain=False),
     "delta/Cremer, 76 modes": Case(SI | {"body": "stoppani"}, plain=False),
 }
 
@@ -77,7 +83,7 @@ def lanes_of(name: str, cells: int) -> NDArray[Any]:
     """Values of the parameter that differs, shape (cells,)."""
     if name == "bow_bridge":
         return np.resize(np.arange(5.0, 45.0), cells)
-    first, last = {"f_asym": (0.5, 20.0), "stiffness_b": (1e-6, 3e-4)}[name]
+    first, last = {"f_asym": (0.5, 20.0), "stiffness_b": (1e-6, 3e-4), "body_8_ratio": (0.8, 1.25)}[name]
     return np.geomspace(first, last, cells)
 
 
@@ -125,6 +131,8 @@ def measure_all(repeats: int = REPEATS, cases: Sequence[str] = tuple(CASES)) -> 
     with pinned():
         for name in cases:
             results[name] = measure(CASES[name], repeats)
+            if "string" in CASES[name].settings and PLAIN in results:
+                results[name]["over_plain"] = results[name]["ns"] / results[PLAIN]["ns"]
             print(f"kernel: {name}: {results[name]['ns']:.2f} ns", file=sys.stderr, flush=True)
     return results
 

@@ -62,6 +62,7 @@ def rows(result: Mapping[str, Any]) -> list[Row]:
 def _kernel(cases: Mapping[str, Mapping[str, float]]) -> Iterator[Row]:
     for name, case in cases.items():
         beside = f"plain loop {case['plain_ns']:.1f} ns: {case['ratio']:.1f} times" if "plain_ns" in case else ""
+        beside = f"{case['over_plain']:.2f} times delta/Cremer without it" if "over_plain" in case else beside
         cells = "" if case["cells"] == 128 else f", {case['cells']:.0f} cell"
         yield Row("kernel", name.removesuffix(", one cell") + cells, f"{case['ns']:.2f} ns a cell-step", beside)
 

@@ -215,7 +215,7 @@ def _judged(wave: NDArray[np.float64], string: Geometry, thresholds: Thresholds,
     chunks = (len(wave) - start) // samples
     wave, speed = (each[start : start + chunks * samples] for each in (wave, speed))
     units = sign * bow_speeds(sign * speed, samples)
-    classifier = BlockClassifier(string, thresholds, 1)
+    classifier = BlockClassifier(string, thresholds, 1, periods=chunks * CHUNK_PERIODS)
     slipping, verdicts = False, []
     for chunk in range(chunks):
         part = slice(chunk * samples, (chunk + 1) * samples)

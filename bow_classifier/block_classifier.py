@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_classifier.chunk_pass import BlockState, Chunk, Lags, Result, Setup, Strings, classify_cells
+from bow_classifier.features.first_slips import Releases
 from bow_classifier.features.long_periods import samples_before
 from bow_classifier.features.slips import Intervals, SlipState, discontinuity
+from bow_classifier.features.wolf import LEAST, WolfState
 from bow_classifier.verdict.decision import Decision, Features, Limits
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_classifier.verdict.thresholds import Thresholds
@@ -65,6 +67,10 @@ class Verdicts(NamedTuple):
         (cells,) uint8: index into `bow_classifier.verdict.regimes.REGIMES`.
     confidence
         (cells,) float32, 0 ... 1: probability that the regime is right, see `bow_classifier.verdict.confidence`.
+    beat
+        (cells,) float32, nominal periods: the beat of a wolf; NaN where the regime is another one.
+    transient
+        (cells,) float32, nominal periods: Guettler's transient so far, 0 = none yet; NaN where the gesture is not his.
     """
 
     correlation: NDArray[np.float32]
@@ -73,6 +79,8 @@ class Verdicts(NamedTuple):
     corners: NDArray[np.uint16]
     regime: NDArray[np.uint8]
     confidence: NDArray[np.float32]
+    beat: NDArray[np.float32]
+    transient: NDArray[np.float32]
 
     @property
     def passed(self) -> NDArray[np.bool_]:
@@ -97,6 +105,12 @@ class BlockClassifier:
         Round trip bow-bridge-bow, samples, one or (cells,); None = that of the geometry. The third test needs beta
         below the threshold *corner*, 0.38: with the bow further from the bridge the ramp between two corners exceeds it
         too.
+    periods
+        Length of the run: in one of 150 periods or more a wolf is looked for, which needs 7 kB a cell.
+    rise
+        Where the bow is accelerated without end (``gesture=guettler``), by how much its speed rises each sample, one or
+        (cells,); `bow_speed` has no meaning then. Slips are compared with the bow speed when they end, corners and
+        r.m.s. with its mean over the window, and the verdicts have a transient.
 
     Attributes
     ----------
@@ -117,16 +131,21 @@ class BlockClassifier:
         cells: int,
         bow_speed: ArrayLike = 1.0,
         bow_bridge: ArrayLike | None = None,
+        periods: int = 0,
+        rise: ArrayLike | None = None,
     ) -> None:
         self._geometry = geometry
+        self._thresholds = thresholds
         v_b = np.broadcast_to(np.asarray(bow_speed, dtype=np.float64), (cells,))
         delay = _delays(geometry, cells, bow_bridge)
         height = v_b * geometry.period / delay
+        self._rise = None if rise is None else np.broadcast_to(np.asarray(rise, np.float64), (cells,))
         strings = Strings(
             delay,
             height,
             corner=thresholds.corner * height,
             slip=thresholds.slip * v_b * geometry.period,
+            rise=np.zeros(cells) if self._rise is None else thresholds.slip * self._rise * geometry.period,
             spread=(thresholds.flyback_cluster * delay).astype(np.float64),
             gap=(thresholds.cluster * delay).astype(np.float64),
         )
@@ -136,7 +155,13 @@ class BlockClassifier:
             raise ValueError(f"{geometry}: a chunk should be whole periods, of 2 samples at least, and {LANES} in all")
         self._setup = Setup(strings, lags, Limits.of(geometry.period, thresholds))
         before = samples_before(lags.longest)  # more than any ripple period, which is less than a period
-        self._state = BlockState(np.zeros((cells, before), np.float32), SlipState.at_rest(cells))
+        self._state = BlockState(
+            np.zeros((cells, before), np.float32),
+            SlipState.at_rest(cells),
+            WolfState.empty(cells if periods >= LEAST else 0, geometry.samples // geometry.period),
+            Releases.none(0 if self._rise is None else cells),
+        )
+        self._chunks = 0
         self.features: Features | None = None
         self.decision: Decision | None = None
 
@@ -159,10 +184,11 @@ class BlockClassifier:
         if bridge_force.shape != window:
             raise ValueError(f"bridge force {bridge_force.shape}: should be (cells, samples) = {window}")
         result = Result(Features.empty(self._beta), Decision.empty(len(self._beta)))
-        chunk = Chunk(_read_only(bridge_force), intervals.copied())
-        wrong = classify_cells(self._state, chunk, self._setup, result)
+        chunk = Chunk(_read_only(bridge_force), intervals.copied(), self._chunks)
+        wrong = classify_cells(self._state, chunk, self._setup_now(), result)
         if wrong >= 0:
             raise discontinuity(wrong, self._state.slips.slipping[wrong])
+        self._chunks += 1
         self.features, self.decision = features, decision = result
         return Verdicts(
             features.correlation,
@@ -171,7 +197,19 @@ class BlockClassifier:
             features.corners,
             decision.regime,
             decision.confidence,
+            features.beat,
+            features.transient,
         )
+
+    def _setup_now(self) -> Setup:
+        """Return the setup for the next chunk; the thresholds follow a bow that is accelerated without end."""
+        if self._rise is None:
+            return self._setup
+        strings, samples = self._setup.strings, self._geometry.samples
+        start, period = self._chunks * samples, self._geometry.period
+        height = self._rise * (start + samples / 2) * period / strings.delay
+        corner, slip = self._thresholds.corner * height, strings.rise * start
+        return self._setup._replace(strings=strings._replace(height=height, corner=corner, slip=slip))
 
 
 def _read_only(bridge_force: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.features.corners import count_corners
+from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import FACTORS, Intervals, SlipState, count_slips, first_discontinuity
+from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_chunk, wolf_workspace
 from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_cell
 from bow_classifier.verdict.fingerprint import LEAN, VERSION
 from bow_sim.simd.columns import prefetch
@@ -42,6 +44,8 @@ class Strings(NamedTuple):
         float64: v_b/beta, the flyback of Helmholtz motion.
     corner, slip
         float64: the thresholds of a corner, in units of the bridge force, and of a slip, samples times bow speed.
+    rise
+        float64, bow speed: what the threshold of a slip grows by each sample, from the start of the chunk on.
     spread, gap
         float64, samples: longest time between two corners, and longest stick between two slips, of a cluster.
     """
@@ -50,6 +54,7 @@ class Strings(NamedTuple):
     height: NDArray[np.float64]
     corner: NDArray[np.float64]
     slip: NDArray[np.float64]
+    rise: NDArray[np.float64]
     spread: NDArray[np.float64]
     gap: NDArray[np.float64]
 
@@ -80,17 +85,27 @@ class BlockState(NamedTuple):
         (cells, samples) float32: the bridge force before the next chunk; 0 before t = 0.
     slips
         The slips at the border.
+    wolf
+        What is kept of many periods; without cells in a run that is too short for a wolf.
+    releases
+        The significant slips since t = 0; without cells but for a bow that is accelerated without end.
     """
 
     history: NDArray[np.float32]
     slips: SlipState
+    wolf: WolfState
+    releases: Releases
 
 
 class Chunk(NamedTuple):
-    """A chunk of a block: bridge force, (cells, samples) float32, C-contiguous and read-only, and slip intervals."""
+    """A chunk of a block: bridge force, (cells, samples) float32, C-contiguous and read-only, and slip intervals.
+
+    `number` counts the chunks of the block from 0 on.
+    """
 
     bridge_force: NDArray[np.float32]
     intervals: Intervals
+    number: int
 
 
 class Result(NamedTuple):
@@ -103,30 +118,37 @@ class Result(NamedTuple):
 class _Workspace(NamedTuple):
     """The arrays that a pass works in: records of eight cells, (8, history + samples) float32, and those of its parts.
 
-    `levels` is (8,) float32, `tally` (8,) float32, `slip_tally` (factors,) int64.
+    `levels` is (8,) float32, `tally` (8,) float32, `slip_tally` (factors,) int64; `onsets` and `stops` of the
+    significant slips of a cell are int64.
     """
 
     rows: Any
     periodicity: Any
     maxima: Any
     slip_tally: Any
+    onsets: Any
+    stops: Any
     levels: Any
     tally: Any
     long_periods: Any
     ripples: Any
+    wolf: Any
 
 
 @njit(nogil=True, error_model="numpy")
-def _workspace(samples, history, period, lags):
+def _workspace(samples, history, period, lags, wolf):
     return _Workspace(
         np.zeros((LANES, history + samples), np.float32),
         periodicity_workspace(samples, period, lags.first, lags.last),
         EightMaxima(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
         np.empty(_TALLIES, np.int64),
+        np.empty(samples // 2 + 2, np.int64),
+        np.empty(samples // 2 + 2, np.int64),
         np.empty(LANES, np.float32),
         np.empty(LANES, np.float32),
         long_workspace(samples, period, lags.shortest, lags.longest),
         ripple_workspace(history + samples),
+        wolf_workspace(wolf),
     )
 
 
@@ -185,10 +207,31 @@ def _measure_cell(i, row, start, setup, features, workspace):
 
 
 @njit(**LEAN)
+def _remember(i, row, start, number, state, setup, features, workspace):
+    """Write what has a memory longer than the record of cell i to the features: beat and Guettler's transient.
+
+    `number` is that of the chunk.
+    """
+    limits, slips = setup.limits, features.slips[i]
+    period = int(limits.period)
+    features.beat[i] = features.transient[i] = np.nan
+    if state.wolf.power.shape[0] > 0:
+        keep_chunk(i, number, row, start, period, workspace.stops, slips, state.wolf, workspace.wolf)
+        if (number + 1) * (row.shape[0] - start) >= LEAST * period:
+            features.beat[i] = find_beat(
+                i, number, state.wolf, limits.wolf_share, limits.wolf_changes, limits.wolf_beat,
+                setup.lags.longest / period, workspace.wolf,
+            )  # fmt: skip
+    if state.releases.first.shape[0] > 0:
+        origin = number * (row.shape[0] - start)
+        features.transient[i] = transient_after(i, origin, period, workspace.onsets, slips, state.releases)
+
+
+@njit(**LEAN)
 def _classify_all(state, chunk, setup, result, workspace):
     """Classify all cells, eight at a time."""
-    history, slip_state = state
-    bridge_force, intervals = chunk
+    history, slip_state = state.history, state.slips
+    bridge_force, intervals = chunk.bridge_force, chunk.intervals
     strings, lags, limits = setup
     features, decision = result
     rows, maxima = workspace.rows, workspace.maxima
@@ -206,10 +249,12 @@ def _classify_all(state, chunk, setup, result, workspace):
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
             slips = count_slips(
-                i, intervals, samples, strings.slip[i], strings.gap[i], slip_state, workspace.slip_tally
+                i, intervals, samples, strings.slip[i], strings.rise[i], strings.gap[i], slip_state,
+                workspace.slip_tally, workspace.onsets, workspace.stops,
             )  # fmt: skip
             features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
             _measure_cell(i, rows[lane], start, setup, features, workspace)
+            _remember(i, rows[lane], start, chunk.number, state, setup, features, workspace)
             decide_cell(i, features, limits, decision)
 
 
@@ -222,8 +267,8 @@ def build(version: int) -> Any:
         if wrong >= 0 or version < 0:
             return wrong
         workspace = _workspace(
-            chunk.bridge_force.shape[1], state.history.shape[1], int(setup.limits.period), setup.lags
-        )  # fmt: skip
+            chunk.bridge_force.shape[1], state.history.shape[1], int(setup.limits.period), setup.lags, state.wolf
+        )
         _classify_all(state, chunk, setup, result, workspace)
         return wrong
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol.sweep_outline import SweepOutline
 
 
@@ -30,6 +35,31 @@ class Task:
     def block_classifier(self, block: int) -> BlockClassifier:
         """Return a new classifier for the chunks of a block; each cell has its own bow speed and bow position."""
         cells = self.outline.block(block)
-        speed, bridge = (self.outline.values(name, cells) for name in ("v_b", "bow_bridge"))
-        geometry = Geometry.of(self.outline.parameters)
-        return BlockClassifier(geometry, self.thresholds, len(cells), speed, bridge)
+        values = {name: self.outline.values(name, cells) for name in ("v_b", "bow_bridge", "acceleration")}
+        return classifier_of(self.outline.parameters, self.thresholds, values)
+
+
+def classifier_of(
+    parameters: Parameters, thresholds: Thresholds, values: Mapping[str, NDArray[np.float64]]
+) -> BlockClassifier:
+    """Return a classifier for cells with a final speed, bow position and acceleration of their own.
+
+    Parameters
+    ----------
+    parameters
+        Common to all cells.
+    thresholds
+        Of the verdicts.
+    values
+        ``v_b``, ``bow_bridge`` and ``acceleration``, in the paper's units, (cells,) each.
+    """
+    speed, endless = values["v_b"], parameters.gesture == "guettler"
+    return BlockClassifier(
+        Geometry.of(parameters),
+        thresholds,
+        len(speed),
+        speed,
+        values["bow_bridge"],
+        parameters.periods,
+        rise=speed * values["acceleration"] / parameters.period if endless else None,
+    )

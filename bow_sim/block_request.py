@@ -13,6 +13,7 @@ from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
+from bow_sim.protocol.repeats import Repeats
 from bow_sim.protocol.sweep_spec import split
 
 
@@ -55,13 +56,14 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
         raise ValueError(f"array lengths {lengths} should be equal and above 0")
     spec = split(message["spec.settings"])
     parameters = spec.parameters()
-    planned = spec.number("x", "count") * spec.number("y", "count")
+    repeats, plane_cells = Repeats.of(spec), spec.number("x", "count") * spec.number("y", "count")
+    planned = repeats.cells(plane_cells)
     check_block(len(message["cells"]), parameters)
     cells = np.asarray(message["cells"], dtype=np.int64)
     if cells.max() >= planned or len(np.unique(cells)) != len(cells):
         raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
     lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
-    return BlockRequest(message, Block(parameters, lanes))
+    return BlockRequest(message, Block(parameters, repeats.vary(parameters, lanes, cells, plane_cells)))
 
 
 def encode_chunk(

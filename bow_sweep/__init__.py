@@ -6,11 +6,13 @@ run                a run on disk: directory, ledger, lock
 record             its bag
 cell               one cell of a run: waveform, analysis, sound
 figures            pictures of finished maps
+edges              where the outcome of a gesture changes; exponents
 view               the dashboard
 explore            the page in the browser
 coordinator        who hands out the blocks
 processes          the processes of a graph on this machine
 paper              what the paper states, beside what is found
+beyond             the claims made since, beside what is found
 cli                the command `bow`
 entry              entry points of the executables
 

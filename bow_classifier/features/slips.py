@@ -125,7 +125,7 @@ def first_discontinuity(slipping, state):
 
 
 @njit(**LEAN)
-def count_slips(i, intervals, samples, level, gap, state, tally):
+def count_slips(i, intervals, samples, level, rise, gap, state, tally, onsets, stops):
     """Return the `Slips` of cell i that end in a chunk.
 
     Parameters
@@ -136,14 +136,18 @@ def count_slips(i, intervals, samples, level, gap, state, tally):
         Of the chunk.
     samples : int
         Length of the chunk, which is the window.
-    level : float
-        Threshold of a slip's sum, samples times bow speed.
+    level, rise : float
+        Threshold of a slip's sum, samples times bow speed, for one that ends at the start of the chunk, and what it
+        grows by each sample: 0, but for a bow that is accelerated without end.
     gap : float
         Samples; two significant slips with a longer stick between them belong to different clusters.
     state : SlipState
         At the end of the chunk before; cell i is changed to the end of this one.
     tally : ndarray of int64, shape (factors,)
         Workspace.
+    onsets, stops : ndarray of int64
+        Changed in place: first slipping sample of each significant slip, and first sticking one after it, from the
+        start of the chunk.
     """
     _, offsets, onset, duration, slip = intervals
     slipping, unfinished, began, ended = state
@@ -154,6 +158,7 @@ def count_slips(i, intervals, samples, level, gap, state, tally):
     if continues and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
         ends += 1
         if _count(total, level, tally):
+            onsets[0], stops[0] = start, 0
             clusters += int(start - last > gap)
             last = 0
         continues = False
@@ -165,7 +170,8 @@ def count_slips(i, intervals, samples, level, gap, state, tally):
         stop = np.int64(onset[k]) + np.int64(duration[k])
         continues = stop == samples
         ends += int(not continues)
-        if not continues and _count(total, level, tally):
+        if not continues and _count(total, level + rise * stop, tally):
+            onsets[tally[0] - 1], stops[tally[0] - 1] = start, stop
             clusters += int(start - last > gap)
             last = stop
     slipping[i] = continues

@@ -25,6 +25,7 @@ from bow_classifier.verdict.regimes import (
     OTHER_PERIODIC,
     RAMAN_HIGHER,
     SUBHARMONIC,
+    WOLF,
 )
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import CHUNK_PERIODS
@@ -51,7 +52,7 @@ class Limits(NamedTuple):
         Nominal period N, samples.
     last_lag
         Longest lag near the nominal period that is searched, samples.
-    correlation, silence, anomaly, s_motion, flyback_ripple
+    correlation, silence, anomaly, s_motion, flyback_ripple, wolf_share, wolf_changes, wolf_beat
         The thresholds of these names, see `bow_classifier.verdict.thresholds.Thresholds`.
     """
 
@@ -63,6 +64,9 @@ class Limits(NamedTuple):
     anomaly: float
     s_motion: float
     flyback_ripple: float
+    wolf_share: float
+    wolf_changes: float
+    wolf_beat: float
 
     @classmethod
     def of(cls, period: int, thresholds: Thresholds) -> Limits:
@@ -76,6 +80,9 @@ class Limits(NamedTuple):
             thresholds.anomaly,
             thresholds.s_motion,
             thresholds.flyback_ripple,
+            thresholds.wolf_share,
+            thresholds.wolf_changes,
+            thresholds.wolf_beat,
         )
 
 
@@ -98,6 +105,10 @@ class Features(NamedTuple):
         `bow_classifier.features.ripples`; 0 where no rule needs it.
     sure_slips, sure_corners
         float64, 0 ... 1: share of neighbouring thresholds that give the same counts.
+    beat
+        float32, nominal periods: the beat of a wolf, published too; NaN for none.
+    transient
+        float32, nominal periods: Guettler's transient, published too; NaN where the gesture is another one.
     beta
         float64: bow position.
     """
@@ -113,12 +124,14 @@ class Features(NamedTuple):
     ripple: NDArray[np.float64]
     sure_slips: NDArray[np.float64]
     sure_corners: NDArray[np.float64]
+    beat: NDArray[np.float32]
+    transient: NDArray[np.float32]
     beta: NDArray[np.float64]
 
     @classmethod
     def empty(cls, beta: NDArray[np.float64]) -> Features:
         """Return arrays to be filled, for cells with these bow positions."""
-        kinds = [np.float32] * 2 + [np.uint16] * 5 + [np.float64] * 4
+        kinds = [np.float32] * 2 + [np.uint16] * 5 + [np.float64] * 4 + [np.float32] * 2
         return cls._make([*(np.empty(len(beta), kind) for kind in kinds), beta])
 
 
@@ -180,6 +193,8 @@ def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, limit
 @njit(**LEAN)
 def _regime(i, features, limits):
     """Return the regime of cell i: the rules in their order of precedence."""
+    if features.beat[i] > 0.0:  # first of all: within five periods a wolf looks like one regime after another
+        return WOLF
     correlation, period = features.correlation[i], features.period[i]
     slips, corners = features.slips[i], features.corners[i]
     periodic = correlation > limits.correlation  # false for NaN: without an interior maximum there is no period

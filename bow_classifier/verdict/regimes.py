@@ -90,6 +90,14 @@ DEFINITIONS = (
         "Repeats after m = 2 or 3 nominal periods only, each of which has its slips. The order is m.",
         "PHYSICS.md section 9; section III.B on periods not known in advance",
     ),
+    Definition(
+        "wolf",
+        "A beat between string and body: in the last 100 periods (of 150 or more since the start) the share of periods "
+        "with exactly one significant slip is between *wolf_share* and 1 - *wolf_share*, it changes between one and "
+        "more at least *wolf_changes* times, and the r.m.s. bridge force comes back after some periods, the beat, with "
+        "an autocorrelation above *wolf_beat*; the beat is longer than *lag_long*. This name comes before all others.",
+        "McIntyre, Schumacher & Woodhouse 1983, Fig 14; PHYSICS.md section 11",
+    ),
 )
 """Definitions by code. Bags contain the codes: append, never renumber. 255 is reserved for "pending"."""
 
@@ -106,6 +114,7 @@ HELMHOLTZ_EXTRA_SLIPS = 6
 RAMAN_HIGHER = 7
 ANOMALOUS_LOW_FREQUENCY = 8
 SUBHARMONIC = 9
+WOLF = 10
 
 
 def is_helmholtz(regime: ArrayLike) -> NDArray[np.bool_]:

@@ -99,6 +99,15 @@ class Thresholds:
     silence: float = _threshold(
         0.02, 0, 1, "v_b/beta", "r.m.s. bridge force of no oscillation; a Helmholtz sawtooth of height 1 has 0.29"
     )
+    wolf_share: float = _threshold(
+        0.1, 0, 0.5, "", "wolf: least share of periods with exactly one slip, and of the others; our choice"
+    )
+    wolf_changes: float = _threshold(
+        6, 0, 100, "", "wolf: least number of changes between one slip a period and more in 100 periods; our choice"
+    )
+    wolf_beat: float = _threshold(
+        0.7, 0, 1, "", "wolf: least autocorrelation of the r.m.s. bridge force at the beat; wolves of 1983: 0.75-0.89"
+    )
 
     def __post_init__(self) -> None:
         for name, entry in _fields().items():

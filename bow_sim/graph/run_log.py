@@ -90,4 +90,5 @@ def describe(outline: SweepOutline) -> str:
     """Return a sweep in a few words: its preset, its plane and its length."""
     plane = f"{outline.x.count} x {outline.y.count} cells of {outline.x.name} x {outline.y.name}"
     share = f", at most {outline.adaptive:.0%} of them" if outline.adaptive < 1 else ""
-    return f"{outline.preset or 'no preset'}, {plane}{share}, {outline.parameters.periods} periods each"
+    repeats = f", repeated {outline.repeats.count} times" if outline.repeats.count else ""
+    return f"{outline.preset or 'no preset'}, {plane}{share}{repeats}, {outline.parameters.periods} periods each"

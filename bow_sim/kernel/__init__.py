@@ -5,6 +5,7 @@ time_loop    the compiled loop over samples
 body         modes of the body at the bridge, for the loop
 hair         the bow hair, for the loop
 arguments    its arguments: named tuples of arrays
+tangent      the linearised motion beside a real one
 fingerprint  which kernel this is: sources, compilers, processor
 precompile   compiles and caches the kernels
 """

@@ -180,7 +180,7 @@ class Block:
 
     def _make_body(self, described: Cells) -> Body | None:
         """Return the modes of the body behind the bridge of each cell, or one body that all share; None for none."""
-        bodies = [e.body for e in described.ends if e.body is not None]
+        bodies = described.bodies
         if not bodies:
             return None
         filters = [resonators(b.modes, b.sample_rate) for b in bodies]
@@ -241,8 +241,12 @@ class Block:
         return lanes
 
     def _lanes_of(self, values: Any) -> Any:
-        """Turn a named tuple of arrays over cells into one of arrays over lanes."""
-        return type(values)(*(self._lane(x) for x in values))
+        """Turn a named tuple of arrays over cells into one of arrays over lanes; what is common is a tuple in it."""
+        return type(values)(*(self._common(x) if isinstance(x, tuple) else self._lane(x) for x in values))
+
+    def _common(self, values: Any) -> Any:
+        """Return a named tuple of arrays as it is, in the arithmetic of the block."""
+        return type(values)(*(x.astype(self._dtype) for x in values))
 
     def _ring(self, last: int, taps: int) -> dict[str, Any]:
         guard = taps + time_loop.STRIDE - 1  # rows that eight steps read

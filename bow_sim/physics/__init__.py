@@ -9,7 +9,11 @@ reflection       the reflection functions of each model of the hierarchy
 reflection_text  one reflection function as data, as text and as a file
 number_files     text files of numbers that other programs write
 friction         friction laws: curve, hysteresis, and the solution of one time step
+friction_curve   a friction curve of one's own as text and as a file
+thermal          friction that falls with the temperature of the contact
+schelleng        Schelleng's limits of bow force
 gesture          gestures: bow force and bow speed over time
+applicability    which settings have an effect, and what a user should know of a combination
 cells            cells that differ in a few parameters, as arrays
 modes            impulse response, mode frequencies and Q factors
 motion           slip onsets, and the start of regular motion

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import functools
 import math
+import re
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.fields import Range, as_number
 from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
 
 STOPPANI = (
@@ -53,10 +56,27 @@ SETS: dict[str, str] = {
 """Sets of modes by name; *wolf_83* is that of McIntyre, Schumacher and Woodhouse 1983, Figs 14 and 15."""
 
 LEFT_OUT = 0.45
-"""Modes of a named set above this share of the sample rate are left out."""
+"""Modes above this share of the sample rate are left out."""
 
 MOST = 1000
 """Modes, at most."""
+
+KINDS: dict[str, tuple[str, str]] = {
+    "f": ("Hz", "frequency"),
+    "ratio": ("", "frequency over that of the string"),
+    "q": ("", "Q factor"),
+    "m": ("kg", "mass"),
+    "k": ("", "kappa"),
+}
+"""What a setting of a single mode may be, ``body_1_f`` and so on: unit and meaning. *ratio* is another way to give *f*,
+and *k* another way to give *m*."""
+
+MODE_RANGE = Range(0.0, math.inf, low_open=True)
+"""The values of a setting of a single mode."""
+
+_SAME_AS = {"ratio": "f", "k": "m"}
+MODE_SETTING = re.compile(rf"body_([1-9][0-9]{{0,3}})_({'|'.join(KINDS)})")
+"""The names of these settings: number and kind."""
 
 
 class Mode(NamedTuple):
@@ -75,11 +95,77 @@ class Resonators(NamedTuple):
     a2: NDArray[np.float64]
 
 
+def mode_setting(name: str) -> tuple[int, str] | None:
+    """Return number and kind of a setting of a single mode, ``body_1_f`` and so on; None for another name."""
+    found = MODE_SETTING.fullmatch(name)
+    return (int(found[1]), found[2]) if found else None
+
+
+def mode_unit(name: str) -> tuple[str, str] | None:
+    """Return unit and meaning of a setting of a single mode; None for another name."""
+    found = mode_setting(name)
+    return (KINDS[found[1]][0], f"{KINDS[found[1]][1]} of mode {found[0]}") if found else None
+
+
+def changed(changes: str, given: Mapping[str, object], path: str = "") -> str:
+    """Return the text of changes of single modes with some more of them.
+
+    Parameters
+    ----------
+    changes : str
+        As this function returns it, ``body_1_f=440.0 body_2_q=30.0``.
+    given : Mapping
+        Values by the names of settings of single modes; they take the place of what the text has.
+
+    Raises
+    ------
+    ParameterError
+        Where a value is no positive number, or one thing is given in two ways.
+    """
+    values = {_slot(name): (name, value) for name, value in _changes(changes, path)}
+    before: dict[tuple[int, str], str] = {}
+    for name, value in given.items():
+        own = as_number(value)
+        if own is None or not MODE_RANGE.holds(own):
+            unit, what = mode_unit(name) or ("", "")
+            raise ParameterError(
+                f"{path}{name} = {value!r}: must be a number > 0{f' in {unit}' if unit else ''} ({what})"
+            )
+        if _slot(name) in before:
+            raise ParameterError(f"{path}{name} = {value!r}: {before[_slot(name)]} is given too; give one of them")
+        before[_slot(name)] = name
+        values[_slot(name)] = (name, own)
+    return " ".join(f"{name}={value!r}" for _, (name, value) in sorted(values.items()))
+
+
+def _slot(name: str) -> tuple[int, str]:
+    """Return the mode and the property that a setting changes: the same for a frequency and its ratio."""
+    number_, kind = mode_setting(name) or (0, "")
+    return number_, _SAME_AS.get(kind, kind)
+
+
+def _changes(text: str, path: str) -> Iterator[tuple[str, float]]:
+    for word in text.split():
+        name, _, value = word.partition("=")
+        if mode_setting(name) is None:
+            raise ParameterError(
+                f"{path}body_changes: {word!r}: must be body_NUMBER_KIND=VALUE, with one of {', '.join(KINDS)}"
+            )
+        yield name, _positive(value, f"{path}body_changes: {name}")
+
+
 @functools.lru_cache(maxsize=4096)
 def modes(
-    name: str, text: str, sample_rate: float, period: int, z_0: float, scale: float = 1.0, path: str = ""
+    name: str,
+    text: str,
+    sample_rate: float,
+    period: int,
+    z_0: float,
+    scale: float = 1.0,
+    path: str = "",
+    changes: str = "",
 ) -> tuple[Mode, ...]:
-    """Return the modes of a body, by the name of a set or from a text.
+    """Return the modes of a body that take part, by the name of a set or from a text.
 
     Parameters
     ----------
@@ -95,42 +181,84 @@ def modes(
         Characteristic impedance of the string, kg/s; 0 if it is not known.
     scale : float
         Factor on all kappa.
+    changes : str
+        Single modes that differ, as :func:`changed` returns them.
 
     Raises
     ------
     ParameterError
         Naming the mode that cannot be, and what would be right.
     """
-    if name == "wolf_83":
-        return (Mode(64 / 65 * sample_rate / period, 30.0, 0.01 * scale),)
+    found = _listed(name, text, sample_rate, period, z_0, path, changes)
+    limit = LEFT_OUT * sample_rate
+    return tuple(mode._replace(kappa=mode.kappa * scale) for mode in found if mode.f <= limit)
+
+
+def modes_of(p: Any) -> tuple[Mode, ...]:
+    """Return the modes of the body of `Parameters` that take part, with all changes of single modes."""
+    return modes(
+        p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale, changes=p.body_changes
+    )  # one order of arguments: it is the key of the cache
+
+
+def left_out(p: Any) -> int:
+    """Return how many modes of the body of `Parameters` lie too high to take part."""
+    return len(_listed(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, "", p.body_changes)) - len(modes_of(p))
+
+
+def _listed(
+    name: str, text: str, sample_rate: float, period: int, z_0: float, path: str, changes: str
+) -> tuple[Mode, ...]:
+    """Return all modes of a body, also those that are too high to take part, without the factor on all kappa."""
     own = bool(text)
     where = f"{path}body_modes" if own else f"{path}body = {name!r}"
+    words = (text or SETS[name]).replace(",", " ").split() if name != "wolf_83" else ["64/65 of f_0/30/k0.01"]
+    if len(words) > MOST:
+        raise ParameterError(f"{where}: {len(words)} modes: must be at most {MOST}")
+    other = _numbered(changes, len(words), path)
     found = []
-    for word in (text or SETS[name]).replace(",", " ").split():
-        parts = word.split("/")
-        if len(parts) != 3:
-            raise ParameterError(
-                f"{where}: {word!r}: must be f/Q/m, in Hz and kg, or f/Q/k with kappa, as 440/30/k0.01"
-            )
-        f, q = _positive(parts[0], f"{where}: {word!r}: f"), _positive(parts[1], f"{where}: {word!r}: Q")
-        if not f < sample_rate / 2:
-            if own:
-                raise ParameterError(
-                    f"{where}: {word!r}: f must be less than half the sample rate, {sample_rate / 2:g} Hz"
-                )
-            continue
-        if parts[2].startswith("k"):
-            kappa = _positive(parts[2][1:], f"{where}: {word!r}: kappa")
+    for place, word in enumerate(words, 1):
+        mine = other.get(place, {})
+        if name == "wolf_83":
+            f, q, kappa, mass = 64 / 65 * sample_rate / period, 30.0, 0.01, 0.0
         else:
-            mass = _positive(parts[2], f"{where}: {word!r}: m")
+            f, q, kappa, mass = _read(word, where)
+        if "m" in mine or "k" in mine:
+            mass, kappa = mine.get("m", 0.0), mine.get("k", 0.0)
+        f, q = mine.get("f", mine.get("ratio", 0.0) * sample_rate / period) or f, mine.get("q", q)
+        if not f < sample_rate / 2 and (own or mine.keys() & {"f", "ratio"}):
+            what = f"{path}body_{place}_f = {f:g}" if mine.keys() & {"f", "ratio"} else f"{where}: {word!r}"
+            raise ParameterError(f"{what}: f must be less than half the sample rate, {sample_rate / 2:g} Hz")
+        if mass:
             if not z_0:
                 raise ParameterError(f"{where}: {word!r}: a mass needs string=NAME, or z_0=NUMBER in kg/s")
             kappa = z_0 / (mass * 2 * math.pi * f)
-        if f <= LEFT_OUT * sample_rate:
-            found.append(Mode(f, q, kappa * scale))
-    if len(found) > MOST:
-        raise ParameterError(f"{where}: {len(found)} modes: must be at most {MOST}")
+        found.append(Mode(f, q, kappa))
     return tuple(found)
+
+
+def _read(word: str, where: str) -> tuple[float, float, float, float]:
+    """Return f, Q, kappa and m of a mode as text; the one of the last two that is not given is 0."""
+    parts = word.split("/")
+    if len(parts) != 3:
+        raise ParameterError(f"{where}: {word!r}: must be f/Q/m, in Hz and kg, or f/Q/k with kappa, as 440/30/k0.01")
+    f, q = _positive(parts[0], f"{where}: {word!r}: f"), _positive(parts[1], f"{where}: {word!r}: Q")
+    if parts[2].startswith("k"):
+        return f, q, _positive(parts[2][1:], f"{where}: {word!r}: kappa"), 0.0
+    return f, q, 0.0, _positive(parts[2], f"{where}: {word!r}: m")
+
+
+def _numbered(changes: str, count: int, path: str) -> dict[int, dict[str, float]]:
+    """Return the changes of each mode, by its number."""
+    found: dict[int, dict[str, float]] = {}
+    for name, value in _changes(changes, path):
+        place, kind = mode_setting(name) or (0, "")
+        if place > count:
+            has = f"the body has {count} mode{'s'[: count != 1]}, body_1_{kind} ... body_{count}_{kind}"
+            none = "there is no body: body=NAME, or body_modes=f/Q/m, ..."
+            raise ParameterError(f"{path}{name} = {value!r}: {has if count else none}")
+        found.setdefault(place, {})[kind] = value
+    return found
 
 
 def read_modes(path: str | Path) -> str:
@@ -147,17 +275,16 @@ def read_modes(path: str | Path) -> str:
         raise ParameterError(f"{path}: cannot be read: {error}") from None
     if "/" in COMMENTS.sub("", text):
         return ", ".join(COMMENTS.sub("", text).replace(",", " ").split())
-    found = []
     try:
-        for line, words in rows(text):
-            if len(words) != 3:
-                raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be f in Hz, Q, and m in kg")
-            found.append("/".join(words))
+        table = list(rows(text))
     except ValueError as error:
         raise ParameterError(f"{path}, {error}") from None
-    if not found:
+    for line, words in table:
+        if len(words) != 3:
+            raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be f in Hz, Q, and m in kg")
+    if not table:
         raise ParameterError(f"{path}: must have lines of f in Hz, Q, and m in kg")
-    return ", ".join(found)
+    return ", ".join("/".join(words) for _, words in table)
 
 
 def _positive(word: str, what: str) -> float:

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bow_sim.physics.body import MODE_RANGE, mode_setting, mode_unit
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.fields import Range
 from bow_sim.physics.instruments import SI, lanes_in_paper_units
-from bow_sim.physics.parameters import FIELDS, SWEEPABLE, TYPES, Parameters, Range, check_friction
-from bow_sim.physics.reflection import Ends, ends
+from bow_sim.physics.parameters import FIELDS, SWEEPABLE, SWEEPABLE_NAMES, TYPES, Parameters, check_friction
+from bow_sim.physics.reflection import Body, Ends, ends
+from bow_sim.physics.schelleng import greatest
 
-FREE = frozenset({"f_asym", "f_init_ratio", "tau_f", "tau_v", "acceleration", "v_b", "mu_s", "mu_d", "v_mid"}) | {
+GESTURE = {"f_asym", "f_init_ratio", "sustained", "tau_f", "tau_v", "acceleration", "v_b"}
+FREE = frozenset({*GESTURE, "mu_s", "mu_d", "v_mid", "string_length"}) | {
     name for name in FIELDS if name.startswith(("hair_", "rosin_", "ribbon_", "v_unit"))
 }
-"""Parameters of gesture, bow and friction; the other sweepable ones change the reflection functions."""
+"""Parameters of gesture, bow and friction; the other sweepable ones change the reflection functions, or
+only the body."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +38,15 @@ class Cells:
         The ones that differ, by name.
     ends : tuple of Ends
         One for each cell, or a single one that all share.
+    bodies : tuple of Body
+        One for each cell, a single one that all share, or none. The cells may have bodies of their own on a string that
+        they share.
     """
 
     parameters: Parameters
     lanes: dict[str, NDArray[np.float64]]
     ends: tuple[Ends, ...]
+    bodies: tuple[Body, ...] = ()
 
     @property
     def count(self) -> int:
@@ -88,13 +97,35 @@ def cells(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Cells:
         raise ParameterError(f"lanes: lengths {sizes}: must be one or more arrays of one length, at least 1")
     plain = Cells(parameters, arrays, ())
     mu_s, mu_d, v_mid, v_b = (plain.value(name) for name in ("mu_s", "mu_d", "v_mid", "v_b"))
-    for i in np.flatnonzero(~((mu_d < mu_s) & (v_mid < v_b)))[:1]:
+    right = (mu_d < mu_s) & (v_mid < v_b) | (parameters.friction == "curve")
+    for i in np.flatnonzero(~right)[:1]:
         check_friction(float(mu_s[i]), float(mu_d[i]), float(v_mid[i]), float(v_b[i]), f"lanes[{i}]: ")
     names = tuple(sorted(set(arrays) - FREE))
     if not names:
-        return Cells(parameters, arrays, (ends(parameters),))
+        return _sustained(_of(parameters, arrays, (ends(parameters),)))
     columns = zip(*(arrays[name].tolist() for name in names), strict=True)
-    return Cells(parameters, arrays, tuple(_ends(parameters, names, column, i) for i, column in enumerate(columns)))
+    every = tuple(_ends(parameters, names, column, i) for i, column in enumerate(columns))
+    one_string = all(name == "body_scale" or mode_setting(name) for name in names)
+    return _sustained(_of(parameters, arrays, every, every[:1] if one_string else every))
+
+
+def _of(
+    parameters: Parameters, arrays: dict[str, NDArray[np.float64]], every: tuple[Ends, ...], own: tuple[Ends, ...] = ()
+) -> Cells:
+    """Return cells with the ends `own`, and the bodies that `every` has: one, if all have the same."""
+    bodies = tuple(e.body for e in every if e.body is not None)
+    return Cells(parameters, arrays, own or every, bodies[:1] if len(set(bodies)) == 1 else bodies)
+
+
+def _sustained(made: Cells) -> Cells:
+    """Give each cell the initial force that `sustained` says, as its own f_init_ratio (PHYSICS.md section 14)."""
+    share = made.value("sustained")
+    if not share.any():
+        return made
+    values = {name: made.value(name) for name in SWEEPABLE | {"period"}}
+    most = greatest(made.parameters.friction, values, made.of_ends("y"))
+    ratio = np.where(share > 0, share * most / made.value("f_asym"), made.value("f_init_ratio"))
+    return replace(made, lanes=made.lanes | {"f_init_ratio": ratio})
 
 
 def paper_lanes(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -106,23 +137,24 @@ def paper_lanes(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> dict[
 
 
 def _lane(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    if name not in SWEEPABLE:
+    mode = mode_unit(name)
+    if mode is None and name not in SWEEPABLE:
         why = "is not a parameter" if name not in FIELDS else "is the same for all cells of a block"
-        raise ParameterError(f"lanes.{name}: {why}; must be one of {', '.join(sorted(SWEEPABLE))}")
+        raise ParameterError(f"lanes.{name}: {why}; must be one of {SWEEPABLE_NAMES}")
     array: NDArray[np.float64] = np.array(values, dtype=np.float64)
     if array.ndim != 1:
         raise ParameterError(f"lanes.{name}: shape {array.shape}: must be one value for each cell")
-    limits: Range = FIELDS[name].metadata["range"]
+    limits: Range = MODE_RANGE if mode else FIELDS[name].metadata["range"]
     right = np.isfinite(array)
     right &= (array > limits.low) if limits.low_open else (array >= limits.low)
     right &= (array < limits.high) if limits.high_open else (array <= limits.high)
-    whole = TYPES[name] is int
+    whole = TYPES.get(name) is int
     if whole:
         right &= array == np.floor(array)
     for i in np.flatnonzero(~right)[:1]:
         raise ParameterError(
             f"lanes.{name}[{i}] = {float(array[i])!r}: must be a {'whole ' if whole else ''}number {limits} "
-            f"({FIELDS[name].metadata['doc']})"
+            f"({mode[1] if mode else FIELDS[name].metadata['doc']})"
         )
     return array
 

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.cells import Cells
+from bow_sim.physics.friction_curve import Points, parse
+from bow_sim.physics.thermal import Thermal, thermal
 from bow_sim.simd.jit import INLINE, njit, overload
 from bow_sim.simd.lanes import absolute, choose, load, root, store
 
@@ -95,77 +97,51 @@ def coulomb(limit: Any, slide: Any, d: Any, f_b: Any) -> tuple[Any, Any]:
     return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
 
 
-class Thermal(NamedTuple):
-    """Friction that falls with the temperature of the contact (PHYSICS.md section 13).
+class Curve(NamedTuple):
+    """A curve of one's own, by the hysteresis rule of section III.C (PHYSICS.md section 13).
 
     Parameters
     ----------
-    y : ndarray, shape (lanes,)
-        Admittance at the bow.
-    mu_s, share, t_g : ndarray, shape (lanes,)
-        ``mu(T) = mu_s (1 + share q)/(1 + q)`` with ``q = (T/t_g)**2``; t_g in K.
-    speed : ndarray, shape (lanes,)
-        m/s for a speed of 1.
     load : ndarray, shape (lanes,)
-        ``2 Z_0 V/W`` where y_t is 2: newton per metre of ribbon for a bow force of 1.
-    step : ndarray, shape (lanes,)
-        ``dt/a_T``: time step over heat capacity.
-    flow, rest : ndarray, shape (lanes,)
-        ``b_T`` and ``c_T``: cooling while slipping, and always.
-    temperature : ndarray, shape (lanes,)
-        State: above that of the room, K.
+        ``Y V``, with V as in `speed`.
+    speed, unit : ndarray, shape (lanes,)
+        Slip speed, in the units of the curve, for a speed of 1; and one over it.
+    points : Points
+        Common to all cells.
     """
 
-    y: Any
-    mu_s: Any
-    share: Any
-    t_g: Any
-    speed: Any
     load: Any
-    step: Any
-    flow: Any
-    rest: Any
-    temperature: Any
+    speed: Any
+    unit: Any
+    points: Points
 
 
-def thermal(law: Thermal, d: Any, f_b: Any) -> tuple[Any, Any, Any]:
-    """Solve string and thermal friction for one step.
+def curve(load: Any, speed: Any, unit: Any, points: Any, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
+    """Solve string and curve for one step, exactly for the piece that the string's line meets.
 
-    Parameters
-    ----------
-    law : Thermal
-        Of numbers, arrays, or, in compiled code, lanes.
-    d, f_b : float or array
-        As in :func:`hyperbola`.
-
-    Returns
-    -------
-    s, slipping : float or array, bool or array
-        As in :func:`hyperbola`.
-    temperature : float or array
-        After this step, K.
+    Parameters and results as in :class:`Curve` and :func:`hyperbola`. The slipping solution is on the last piece whose
+    beginning the line has reached: beyond it the line is out of reach of friction.
     """
-    y, mu_s, share, t_g, speed, load_, step, flow, rest, t = law
-    x = absolute(d)
-    pressed = f_b > 0.0
-    per_metre = choose(pressed, load_ * f_b, 1.0)
-    s, after = x, t
-    for _ in range(2):  # the second time with the mean temperature of the step
-        q = (t + after) * 0.5 / t_g
-        q = q * q
-        m = mu_s * (1.0 + share * q) / (1.0 + q)
-        s = x - y * f_b * m
-        s = choose(s > 0.0, s, 0.0)
-        u = s * speed
-        cooling = choose(pressed, flow * root(u / per_metre), 0.0) + rest
-        r = cooling * step
-        left = 1.0 / (1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0))))  # exp(-r), of exactly rounded operations
-        heated = choose(pressed, m * u / cooling, 0.0)
-        after = heated + (t - heated) * left
-    return choose(d < 0.0, -s, s), s > 0.0, after
+    x = absolute(d) * speed
+    k = f_b * load
+    most = k * points.mu[0]
+    level, at, slope, end = most, x * 0.0, x * 0.0, x * 0.0
+    for i in range(len(points.mu)):
+        start = k * points.mu[i] + points.speed[i]
+        reached = x >= start
+        level = choose(reached, start, level)
+        at = choose(reached, points.speed[i], at)
+        slope = choose(reached, points.slope[i], slope)
+        end = choose(reached, points.end[i], end)
+    s = at + (x - level) / (k * slope + 1.0)
+    s = choose(s < end, s, end)  # where a piece is almost parallel to the line, rounding could lead beyond it
+    s = choose(s > at, s, at)
+    slips = (x > most) | (slipping & (s > 0.0))
+    s = s * unit
+    return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
 
 
-_hyperbola, _coulomb, _thermal = (njit(**INLINE)(law) for law in (hyperbola, coulomb, thermal))
+_hyperbola, _coulomb, _thermal, _curve = (njit(**INLINE)(law) for law in (hyperbola, coulomb, thermal, curve))
 
 
 def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
@@ -229,6 +205,15 @@ def _solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     return solve_thermal
 
 
+@overload(solve, strict=False, jit_options=INLINE)
+def _solve_curve(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
+    if getattr(law, "instance_class", None) is not Curve:
+        return None
+    return lambda law, lane, d, f_b, slipping: _curve(
+        load(law.load, lane), load(law.speed, lane), load(law.unit, lane), law.points, d, f_b, slipping
+    )
+
+
 def state_of(law: Any, lane: int) -> tuple[Any, ...]:
     """Return the internal state of a law as waveforms of a step, a tuple of lanes; in compiled code only."""
     raise NotImplementedError
@@ -270,7 +255,19 @@ def thermal_of(cells: Cells) -> Thermal:
     )
 
 
-LAWS: dict[str, Callable[[Cells], Any]] = {"hyperbola": hyperbola_of, "coulomb": coulomb_of, "thermal": thermal_of}
+def curve_of(cells: Cells) -> Curve:
+    """Return the law of a curve of one's own, arrays of shape (cells,); the points are common to all cells."""
+    given = cells.value("v_unit")
+    speed = np.where(given > 0, given, 1.0)
+    return Curve(cells.bow_admittance() * speed, speed, 1 / speed, parse(cells.parameters.friction_curve))
+
+
+LAWS: dict[str, Callable[[Cells], Any]] = {
+    "hyperbola": hyperbola_of,
+    "coulomb": coulomb_of,
+    "thermal": thermal_of,
+    "curve": curve_of,
+}
 """Name of a law, as in :data:`bow_sim.physics.parameters.FRICTIONS` -> what makes it for cells."""
 
 

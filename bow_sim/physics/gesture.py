@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.cells import Cells
+from bow_sim.physics.cells import cells as cells_of
 from bow_sim.physics.parameters import Parameters
 
 
@@ -131,6 +132,7 @@ def force_and_speed(p: Parameters, start: int, samples: int) -> tuple[NDArray[np
     -------
     f_b, v_b : ndarray, shape (samples,)
     """
-    level = levels(p.gesture, p.f_asym, p.f_init_ratio, p.v_b)
+    (ratio,) = cells_of(p, {"f_asym": [p.f_asym]}).value("f_init_ratio").tolist()
+    level = levels(p.gesture, p.f_asym, ratio, p.v_b)
     f, v = shapes(p, start, samples)
     return level.f_end + level.f_step * f, level.v_0 + level.v_1 * v

@@ -5,7 +5,8 @@ A string has a characteristic impedance ``z_0`` (Z_0, kg/s); a speed of 1 is ``v
     f_asym = force/(2 Z_0 V)      v_b = speed/V      acceleration = bow_acceleration/(f_0 V)      v_mid = v_b - v_0/V
 
 where f_0 is ``sample_rate/period``, and the 2 is y_t. ``beta period`` is ``bow_bridge``, and what is left of it is
-``bow_offset``.
+``bow_offset``; ``bow_distance`` (mm) is ``beta`` times ``string_length``. A note is ``semitone`` above the open string:
+it multiplies ``sample_rate`` by 2^(1/12) each, and divides ``string_length``.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ VIOLIN_TORSION = {"torsion_speed": 2.4, "torsion_admittance": 0.617, "torsion_ga
 CELLO_TORSION = {"torsion_speed": 5.5, "torsion_admittance": 0.30, "torsion_gain": 0.94}
 
 STRINGS: dict[str, dict[str, float]] = {
-    "violin_g": {"f_0": 196.0, "z_0": 0.350, "stiffness_b": 1.6e-5, **VIOLIN_TORSION},
-    "violin_d": {"f_0": 293.66, "z_0": 0.303, "stiffness_b": 1.4e-5, **VIOLIN_TORSION},
-    "violin_a": {"f_0": 440.0, "z_0": 0.203, "stiffness_b": 1.3e-5, **VIOLIN_TORSION},
-    "violin_e": {"f_0": 659.26, "z_0": 0.173, "stiffness_b": 4.7e-5, **VIOLIN_TORSION},
-    "violin_d_steel": {"f_0": 293.66, "z_0": 0.25, "stiffness_b": 1.4e-5, **VIOLIN_TORSION},
-    "cello_g_at1": {"f_0": 98.0, "z_0": 1.059, "stiffness_b": 4.2e-5, **CELLO_TORSION},
-    "cello_g_a": {"f_0": 98.0, "z_0": 1.090, "stiffness_b": 4.2e-5, **CELLO_TORSION},
-    "cello_g_b": {"f_0": 98.0, "z_0": 1.117, "stiffness_b": 4.2e-5, **CELLO_TORSION},
-    "cello_g_c": {"f_0": 98.0, "z_0": 0.848, "stiffness_b": 4.2e-5, **CELLO_TORSION},
-    "cello_g_d": {"f_0": 98.0, "z_0": 1.119, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "violin_g": {"f_0": 196.0, "z_0": 0.350, "string_length": 0.32, "stiffness_b": 1.6e-5, **VIOLIN_TORSION},
+    "violin_d": {"f_0": 293.66, "z_0": 0.303, "string_length": 0.32, "stiffness_b": 1.4e-5, **VIOLIN_TORSION},
+    "violin_a": {"f_0": 440.0, "z_0": 0.203, "string_length": 0.32, "stiffness_b": 1.3e-5, **VIOLIN_TORSION},
+    "violin_e": {"f_0": 659.26, "z_0": 0.173, "string_length": 0.32, "stiffness_b": 4.7e-5, **VIOLIN_TORSION},
+    "violin_d_steel": {"f_0": 293.66, "z_0": 0.25, "string_length": 0.325, "stiffness_b": 1.4e-5, **VIOLIN_TORSION},
+    "cello_g_at1": {"f_0": 98.0, "z_0": 1.059, "string_length": 0.70, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_a": {"f_0": 98.0, "z_0": 1.090, "string_length": 0.70, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_b": {"f_0": 98.0, "z_0": 1.117, "string_length": 0.70, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_c": {"f_0": 98.0, "z_0": 0.848, "string_length": 0.70, "stiffness_b": 4.2e-5, **CELLO_TORSION},
+    "cello_g_d": {"f_0": 98.0, "z_0": 1.119, "string_length": 0.70, "stiffness_b": 4.2e-5, **CELLO_TORSION},
 }
-"""Strings: fundamental f_0 (Hz), Z_0, stiffness and torsion. Sources are in PHYSICS.md section 10."""
+"""Strings: fundamental f_0 (Hz), Z_0, length (m), stiffness and torsion. Sources are in PHYSICS.md section 10."""
 
 BRIDGES: dict[str, dict[str, float]] = {
     "surrogate": {"bridge_r": 25.0, "bridge_w_c": 4.0},
@@ -86,6 +87,10 @@ class Quantity(NamedTuple):
         Settings without which it has no meaning.
     convert : callable
         Returns the value of `same`, from this one and from all settings by name; numbers or arrays.
+    back : callable or None
+        The inverse of `convert`; None where this is not the usual way to give `same` in SI units.
+    relative : bool
+        Whether it changes a `same` that may be given too, and may be 0.
     """
 
     same: str
@@ -93,17 +98,44 @@ class Quantity(NamedTuple):
     doc: str
     needs: tuple[str, ...]
     convert: Callable[[Any, Mapping[str, Any]], Any]
+    back: Callable[[Any, Mapping[str, Any]], Any] | None = None
+    relative: bool = False
+
+
+def _higher(semitones: Any) -> Any:
+    """Return the ratio of frequencies; each power by itself, as powers of arrays may round differently."""
+    if isinstance(semitones, np.ndarray):
+        return np.array([2.0 ** (n / 12) for n in semitones.tolist()])
+    return 2.0 ** (semitones / 12)
 
 
 SI: dict[str, Quantity] = {
-    "f_0": Quantity("sample_rate", "Hz", "frequency of the string", (), lambda x, p: p["period"] * x),
-    "speed": Quantity("v_b", "m/s", "final bow speed", ("v_unit",), lambda x, p: x / p["v_unit"]),
+    "f_0": Quantity(
+        "sample_rate",
+        "Hz",
+        "frequency of the string",
+        (),
+        lambda x, p: p["period"] * x,
+        lambda x, p: x / p["period"],
+    ),
+    "semitone": Quantity(
+        "sample_rate",
+        "semitones",
+        "note above the open string",
+        (),
+        lambda x, p: p["sample_rate"] * _higher(x),
+        relative=True,
+    ),
+    "speed": Quantity(
+        "v_b", "m/s", "final bow speed", ("v_unit",), lambda x, p: x / p["v_unit"], lambda x, p: x * p["v_unit"]
+    ),
     "force": Quantity(
         "f_asym",
         "N",
         "asymptotic bow force",
         ("z_0", "v_unit"),
         lambda x, p: x / (p["y_t"] * p["z_0"] * p["v_unit"]),
+        lambda x, p: x * (p["y_t"] * p["z_0"] * p["v_unit"]),
     ),
     "bow_acceleration": Quantity(
         "acceleration",
@@ -111,15 +143,67 @@ SI: dict[str, Quantity] = {
         "accelerate_to, guettler: rise of the bow speed",
         ("v_unit",),
         lambda x, p: x / (p["sample_rate"] / p["period"] * p["v_unit"]),
+        lambda x, p: x * (p["sample_rate"] / p["period"] * p["v_unit"]),
     ),
     "v_0": Quantity(
-        "v_mid", "m/s", "slip speed where friction is midway", ("v_unit",), lambda x, p: p["v_b"] - x / p["v_unit"]
+        "v_mid",
+        "m/s",
+        "slip speed where friction is midway",
+        ("v_unit",),
+        lambda x, p: p["v_b"] - x / p["v_unit"],
+        lambda x, p: (p["v_b"] - x) * p["v_unit"],
     ),
     "beta": Quantity(
-        "bow_bridge", "", "distance of the bow from the bridge over length", (), lambda x, p: x * p["period"]
+        "bow_bridge",
+        "",
+        "distance of the bow from the bridge over length",
+        (),
+        lambda x, p: x * p["period"],
+        lambda x, p: (x + p["bow_offset"]) / p["period"],
+    ),
+    "bow_distance": Quantity(
+        "bow_bridge",
+        "mm",
+        "distance of the bow from the bridge",
+        ("string_length",),
+        lambda x, p: x / 1000 / p["string_length"] * p["period"],
     ),
 }
 """Settings in SI units by name; those that others need come first."""
+
+
+ACCELERATED = ("guettler", "accelerate_to")
+"""The gestures that have an acceleration."""
+
+NEEDS = {
+    "z_0": "string=NAME, or z_0=NUMBER in kg/s",
+    "v_unit": "v_unit=NUMBER in m/s",
+    "string_length": "string=NAME, or string_length=NUMBER in m",
+}
+"""What gives the settings that others need."""
+
+
+def in_si(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return settings in SI units, by name, from all settings in the paper's: {} where there are no SI units.
+
+    Those that gesture and friction law use are there; `force` in N, `speed` in m/s and so on, as in :data:`SI`.
+
+    Parameters
+    ----------
+    values : Mapping
+        All parameters by name.
+    """
+    if not (values["z_0"] and values["v_unit"]):
+        return {}
+    unused = {"v_0": values["friction"] != "hyperbola", "bow_acceleration": values["gesture"] not in ACCELERATED}
+    out = {
+        name: float(q.back(values[q.same], values))
+        for name, q in SI.items()
+        if q.back is not None and not unused.get(name)
+    }
+    if values["string_length"]:
+        out["bow_distance"] = 1000 * out["beta"] * values["string_length"]
+    return out
 
 
 def take_presets(given: dict[str, Any], path: str = "") -> dict[str, Any]:
@@ -150,6 +234,12 @@ def take_presets(given: dict[str, Any], path: str = "") -> dict[str, Any]:
     return values
 
 
+def overridden(preset: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings of a preset without those that `given` has in another way, as `v_b` for `speed`."""
+    same = {SI[name].same if name in SI else name for name in given}
+    return {name: value for name, value in preset.items() if (SI[name].same if name in SI else name) not in same}
+
+
 def in_paper_units(
     si: Mapping[str, Any], given: Mapping[str, Any], everything: Mapping[str, Any], path: str = ""
 ) -> dict[str, Any]:
@@ -176,12 +266,12 @@ def in_paper_units(
             continue
         number, unit = as_number(si[name]), f" in {quantity.unit}" if quantity.unit else ""
         where = f"{path}{name} = {si[name]!r}"
-        if number is None or not number > 0:
-            raise ParameterError(f"{where}: must be a number > 0{unit} ({quantity.doc})")
-        if quantity.same in given:
-            raise ParameterError(f"{where}: {quantity.same} = {given[quantity.same]!r} is given too; give one of them")
+        if number is None or not _allowed(quantity, number):
+            raise ParameterError(f"{where}: must be a number {_least(quantity)}{unit} ({quantity.doc})")
+        if (other := _other_way(name, given, si)) is not None:
+            raise ParameterError(f"{where}: {other} is given too; give one of them")
         _check_needs(name, where, known)
-        out |= _split({quantity.same: quantity.convert(number, known)})
+        out |= _split({quantity.same: quantity.convert(number, known)}) | _stopped(name, number, known)
         known |= out
     return out
 
@@ -204,27 +294,64 @@ def lanes_in_paper_units(
         As :func:`in_paper_units`.
     """
     out = {name: values for name, values in lanes.items() if name not in SI}
+    plain, ways = dict.fromkeys(out, ""), dict.fromkeys(lanes, "")
     known = {**everything, **out}
     for name, quantity in SI.items():
         if name not in lanes:
             continue
         values = np.asarray(lanes[name], np.float64)
-        for i in np.flatnonzero(~(values > 0))[:1]:
-            raise ParameterError(f"{path}{name}[{i}] = {float(values[i])!r}: must be a number > 0 ({quantity.doc})")
-        if quantity.same in out:
-            raise ParameterError(f"{path}{name}: {quantity.same} is given too; give one of them")
+        for i in np.flatnonzero(~_allowed(quantity, values))[:1]:
+            right = f"must be a number {_least(quantity)} ({quantity.doc})"
+            raise ParameterError(f"{path}{name}[{i}] = {float(values[i])!r}: {right}")
+        if (other := _other_way(name, plain, ways)) is not None:
+            raise ParameterError(f"{path}{name}: {other} is given too; give one of them")
         _check_needs(name, f"{path}{name}", known)
         columns = [_split({quantity.same: value}) for value in np.asarray(quantity.convert(values, known)).tolist()]
         out |= {key: np.array([column[key] for column in columns], np.float64) for key in columns[0]}
+        out |= _stopped(name, values, known)
         known |= out
     return out
+
+
+def _allowed(quantity: Quantity, value: Any) -> Any:
+    """Return whether a value, or each of an array, can be."""
+    return value >= 0 if quantity.relative else value > 0
+
+
+def _least(quantity: Quantity) -> str:
+    return ">= 0" if quantity.relative else "> 0"
+
+
+def _other_way(name: str, given: Mapping[str, Any], si: Mapping[str, Any]) -> str | None:
+    """Return another setting that gives the same as this one, if there is one; with its value, if that is known.
+
+    Parameters
+    ----------
+    given, si : Mapping
+        Settings in the paper's and in SI units.
+    """
+    if SI[name].relative:
+        return None
+    same = SI[name].same
+    if same in given:
+        return f"{same} = {given[same]!r}" if given[same] != "" else same
+    for other, quantity in SI.items():
+        if other in si and other != name and quantity.same == same and not quantity.relative:
+            return f"{other} = {si[other]!r}" if si[other] != "" else other
+    return None
+
+
+def _stopped(name: str, value: Any, known: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the length of a string that is stopped for a note; {} where it is open or its length is not known."""
+    if name != "semitone" or not np.all(known["string_length"]):
+        return {}
+    return {"string_length": known["string_length"] / _higher(value)}
 
 
 def _check_needs(name: str, where: str, known: Mapping[str, Any]) -> None:
     for needed in SI[name].needs:
         if not np.all(known[needed]):
-            hint = "string=NAME, or z_0=NUMBER in kg/s" if needed == "z_0" else "v_unit=NUMBER in m/s"
-            raise ParameterError(f"{where}: needs {hint}")
+            raise ParameterError(f"{where}: needs {NEEDS[needed]}")
 
 
 def _split(values: dict[str, float]) -> dict[str, float]:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bow_sim.physics import body, instruments
+from bow_sim.physics import body, friction_curve, instruments
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import Range, article, as_number, choice, function, number, text
 from bow_sim.physics.reflection_text import FUNCTIONS, check, parse
@@ -42,10 +42,14 @@ GESTURES: dict[str, str] = {
 }
 """Names of the bowing gestures, with descriptions."""
 
+SUSTAINED = ("exponential", "martele")
+"""The gestures whose force may begin at a share of Schelleng's maximum."""
+
 FRICTIONS: dict[str, str] = {
     "hyperbola": "rectangular hyperbola in slip speed, with the hysteresis rule (III.C, Appendix)",
     "coulomb": "mu_s on the point of sticking, mu_d sliding; sticks whenever it can (PHYSICS.md 13)",
     "thermal": "falls with the temperature of the rosin, needs z_0 and v_unit (PHYSICS.md 13)",
+    "curve": "a curve of your own, straight between its points: friction_curve (PHYSICS.md 13)",
 }
 """Names of the friction laws, with descriptions."""
 
@@ -91,6 +95,9 @@ class Parameters:
     torsion_bridge_function: str = function("of torsional waves at the bridge")
     torsion_nut_function: str = function("of torsional waves at the nut")
     friction: str = choice("hyperbola", FRICTIONS, "section III.C", "law of friction between bow and string")
+    friction_curve: str = text(
+        "PHYSICS.md 13", "curve: points s/mu, s/mu, ...; slip speed s from 0 on, in m/s with v_unit, else in bow speeds"
+    )
     mu_s: float = number(0.8, 0, 100, "", "Appendix", "friction coefficient on the point of sticking", "(]")
     mu_d: float = number(0.3, 0, 100, "", "Appendix", "friction coefficient at high slip speed")
     v_mid: float = number(0.2, -1e6, 1e6, "v_b", "Appendix", "string speed where mu is midway; below v_b")
@@ -98,16 +105,23 @@ class Parameters:
     gesture: str = choice("exponential", GESTURES, "sections II.A, III.C", "how force and speed of the bow start")
     f_asym: float = number(5.5, 0, 1e6, "v_b impedance", "section III.C", "asymptotic bow force", "(]", "log")
     f_init_ratio: float = number(1.0, 0, 1e3, "f_asym", "section III.C", "initial bow force f_init/f_asym")
+    sustained: float = number(
+        0.0, 0, 10, "F_max", "PHYSICS.md 14", "initial bow force over Schelleng's maximum; 0: f_init_ratio counts"
+    )
     tau_f: float = number(400.0, 0, 1e9, "samples", "Appendix", "time constant of the bow force", "(]")
     tau_v: float = number(400.0, 0, 1e9, "samples", "section II.A", "martele: time constant of the bow speed", "(]")
     acceleration: float = number(
         0.2, 0, 1e6, "v_b/period", "Guettler 2002", "accelerate_to, guettler: rise of the bow speed", "(]", "log"
     )
     z_0: float = number(0.0, 0, 1000, "kg/s", "PHYSICS.md 10", "characteristic impedance of the string; 0: not given")
+    string_length: float = number(0.0, 0, 100, "m", "PHYSICS.md 10", "length of the string; 0: not given")
     v_unit: float = number(0.0, 0, 1000, "m/s", "PHYSICS.md 10", "what a speed of 1 is; 0: not given")
     body: str = choice("none", body.SETS, "PHYSICS.md 11", "modes of the body at the bridge, by name")
     body_modes: str = text(
         "PHYSICS.md 11", "modes of a body of your own: f/Q/m, f/Q/m, ... in Hz and kg, or k0.01 for m"
+    )
+    body_changes: str = text(
+        "PHYSICS.md 11", "single modes of the body that differ: body_1_f=440 body_2_q=30 ..., settings of their own"
     )
     body_scale: float = number(1.0, 0, 1000, "", "PHYSICS.md 11", "factor on the mobility of all modes of the body")
     hair_k: float = number(0.0, 0, 1e12, "N/m", "PHYSICS.md 12", "spring of the bow hair")
@@ -126,10 +140,15 @@ class Parameters:
     def __post_init__(self) -> None:
         for name in FIELDS:
             object.__setattr__(self, name, coerce(name, getattr(self, name)))
+        if self.friction == "curve" and self.friction_curve:
+            curve = friction_curve.parse(self.friction_curve)
+            object.__setattr__(self, "mu_s", float(curve.mu[0]))
+            object.__setattr__(self, "mu_d", float(curve.mu[-1]))
         self._check_together()
 
     def _check_together(self, path: str = "") -> None:
-        check_friction(self.mu_s, self.mu_d, self.v_mid, self.v_b, path)
+        if self.friction != "curve":
+            check_friction(self.mu_s, self.mu_d, self.v_mid, self.v_b, path)
         if self.bow_bridge + self.bow_offset > self.period - 1:
             raise ParameterError(
                 f"{path}bow_bridge = {self.bridge_delay:g}: must be less than period = {self.period}: "
@@ -140,13 +159,24 @@ class Parameters:
             raise ParameterError(
                 f"{path}periods = {self.periods}: must be a multiple of {CHUNK_PERIODS}, for instance {near}"
             )
+        if self.sustained:
+            self._check_sustained(path)
         for name in FUNCTIONS:
             function_text = getattr(self, name)
             if function_text:
                 if name.startswith("torsion") and not self.has_torsion:
                     raise ParameterError(f"{path}{name}: must be empty: {self.model} has no torsional reflections")
                 check(parse(function_text, path + name), path + name, self.sample_rate)
+        friction_curve.check(self.friction, self.friction_curve, path)
         self._check_instrument(path)
+
+    def _check_sustained(self, path: str) -> None:
+        where = f"{path}sustained = {self.sustained:g}"
+        if self.f_init_ratio != FIELDS["f_init_ratio"].default:
+            raise ParameterError(f"{where}: f_init_ratio = {self.f_init_ratio:g} is given too; give one of them")
+        if self.gesture not in SUSTAINED:
+            right = f"gesture must be {' or '.join(SUSTAINED)}, for which Schelleng's maximum has a bow speed"
+            raise ParameterError(f"{where}: gesture = {self.gesture!r}: {right}")
 
     def _check_instrument(self, path: str) -> None:
         """Check what needs SI units."""
@@ -163,7 +193,10 @@ class Parameters:
             raise ParameterError(f"{path}hair_r = {self.hair_r!r}: needs SI units, and there is no z_0: {right}")
         if self.body_modes and self.body != "none":
             raise ParameterError(f"{path}body_modes: must be empty with body = {self.body!r}; give one of them")
-        body.modes(self.body, self.body_modes, self.sample_rate, self.period, self.z_0, self.body_scale, path)
+        try:
+            body.modes_of(self)
+        except ParameterError as error:
+            raise ParameterError(f"{path}{error}") from None
 
     @property
     def has_torsion(self) -> bool:
@@ -224,16 +257,25 @@ class Parameters:
         given = {str(key): value for key, value in mapping.items()}
         values: dict[str, Any] = instruments.take_presets(given, path)
         si = {key: given.pop(key) for key in instruments.SI & given.keys()}
+        single = {key: given.pop(key) for key in list(given) if body.mode_setting(key)}
         for key, value in given.items():
             if key not in FIELDS:
                 raise ParameterError(f"{path}{key} = {value!r}: unknown parameter{_nearest(key)}")
             values[key] = coerce(key, value, path)
+        if single:
+            values["body_changes"] = body.changed(values.get("body_changes", base.body_changes), single, path)
         everything = {name: getattr(base, name) for name in FIELDS} | values
+        _check_beta(si, everything["period"], path)
         values |= instruments.in_paper_units(si, values, everything, path)
         try:
-            return dataclasses.replace(base, **values)
+            made = dataclasses.replace(base, **values)
         except ParameterError as error:
             raise ParameterError(f"{path}{error}") from None
+        for name in {"mu_s", "mu_d"} & given.keys():
+            if getattr(made, name) != values[name]:
+                is_ = f"is {getattr(made, name):g} by friction_curve: leave it out"
+                raise ParameterError(f"{path}{name} = {given[name]!r}: {is_}")
+        return made
 
     def settings(self) -> tuple[str, ...]:
         """Return every parameter as ``name=value``, sorted; :meth:`from_settings` reads them back bit for bit."""
@@ -267,6 +309,15 @@ SWEEPABLE: frozenset[str] = FLOATS | {"bow_bridge", "torsion_half"}
 """The fields that may differ between the cells of a sweep: all numbers but those that set its length."""
 
 
+def is_sweepable(name: str) -> bool:
+    """Return whether a setting may differ between cells: a number, in the paper's units or SI, or one of a mode."""
+    return name in SWEEPABLE or name in instruments.SI or body.mode_setting(name) is not None
+
+
+SWEEPABLE_NAMES = ", ".join([*sorted(SWEEPABLE | instruments.SI.keys()), *(f"body_1_{kind}" for kind in body.KINDS)])
+"""The names for which :func:`is_sweepable` holds, for error messages; ``body_2_f`` and so on too."""
+
+
 def coerce(name: str, value: object, path: str = "") -> Any:
     """Return a value converted to the type of its field.
 
@@ -286,7 +337,7 @@ def coerce(name: str, value: object, path: str = "") -> Any:
             raise ParameterError(f"{where}: must be text ({meta['doc']})")
         if value.startswith("@"):
             raise ParameterError(
-                f"{where}: must be the reflection function itself; only the command line reads files "
+                f"{where}: must be the text itself; only the command line reads files "
                 "(bow_sim.physics.reflection_text.embed_files)"
             )
         return value
@@ -308,7 +359,8 @@ def coerce(name: str, value: object, path: str = "") -> Any:
 def _nearest(key: str) -> str:
     import difflib
 
-    close = difflib.get_close_matches(key, [*FIELDS, *instruments.SI, *instruments.PRESETS], n=1)
+    known = [*FIELDS, *instruments.SI, *instruments.PRESETS, *(f"body_1_{kind}" for kind in body.KINDS)]
+    close = difflib.get_close_matches(key, known, n=1)
     return f"; did you mean {close[0]}?" if close else f"; the parameters are {', '.join(sorted(FIELDS))}"
 
 
@@ -321,6 +373,16 @@ def parse_settings(settings: Iterable[str], path: str = "") -> dict[str, str]:
             raise ParameterError(f"{path}{setting!r}: must have the form name=value")
         mapping[name.strip()] = value.strip()
     return mapping
+
+
+def _check_beta(si: Mapping[str, object], period: int, path: str) -> None:
+    """Raise ParameterError, in the words of the user, for a bow that is not on the string."""
+    beta = as_number(si.get("beta"))
+    if beta is not None and beta > 0 and not 1 <= round(beta * period, 9) <= period - 1:
+        raise ParameterError(
+            f"{path}beta = {beta:g}: must be {1 / period:.4g} ... {1 - 1 / period:.4g}: the bow is on the string, and "
+            f"at least a sample of period = {period} from its ends"
+        )
 
 
 def check_friction(mu_s: float, mu_d: float, v_mid: float, v_b: float, path: str = "") -> None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_sim.physics.body import Mode, modes
+from bow_sim.physics.body import Mode, modes_of
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import FUNCTIONS, Reflection, check, embed_files, parse
@@ -343,7 +343,7 @@ def ends(p: Parameters) -> Ends:
     made = HIERARCHY[p.model](p)._replace(**given)
     if p.body == "none" and not p.body_modes:
         return made
-    found = modes(p.body, p.body_modes, p.sample_rate, p.period, p.z_0, p.body_scale)
+    found = modes_of(p)
     near = made.bridge
     if p.model in CREMER and "bridge" not in given:
         body = Body(found, cremer_rho(p.bridge_r), -near.tail, near.pole, p.sample_rate)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from bow_sim.physics.body import read_modes
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.friction_curve import read_curve
 from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
 
 FUNCTIONS = ("bridge_function", "nut_function", "torsion_bridge_function", "torsion_nut_function")
@@ -245,7 +246,7 @@ def read(path: str | Path) -> str:
 
 
 def embed_files(settings: Iterable[str]) -> tuple[str, ...]:
-    """Replace ``NAME_function=@FILE`` and ``body_modes=@FILE`` by what the file holds; for command lines only.
+    """Replace ``NAME=@FILE`` by what the file holds, for the settings that are texts; for command lines only.
 
     Parameters
     ----------
@@ -256,13 +257,12 @@ def embed_files(settings: Iterable[str]) -> tuple[str, ...]:
     -------
     tuple of str
     """
+    readers = {**dict.fromkeys(FUNCTIONS, read), "body_modes": read_modes, "friction_curve": read_curve}
     done = []
     for setting in settings:
-        name, _, value = setting.partition("=")
-        if name.strip() in FUNCTIONS and value.strip().startswith("@"):
-            done.append(f"{name.strip()}={read(value.strip()[1:])}")
-        elif name.strip() == "body_modes" and value.strip().startswith("@"):
-            done.append(f"body_modes={read_modes(value.strip()[1:])}")
+        name, _, value = (part.strip() for part in setting.partition("="))
+        if name in readers and value.startswith("@"):
+            done.append(f"{name}={readers[name](value[1:])}")
         else:
             done.append(setting)
     return tuple(done)

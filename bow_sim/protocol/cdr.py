@@ -245,6 +245,9 @@ def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any]
                 (values[field],) = form.unpack_from(body, at)
                 at += item
             elif kind == "array":
+                if at == size and field in ADDED.get(name, ()):
+                    values[field] = VERDICT_FIELDS[field].array((len(values["cells"]),))
+                    continue
                 at += -at % 4
                 (count,) = _LENGTH.unpack_from(body, at)
                 at += 4
@@ -260,7 +263,7 @@ def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any]
                 try:
                     values[field], at = _string(name, field, body, at)
                 except (struct.error, WireError):
-                    if ADDED.get(name) != field or size - at > SLACK:
+                    if field not in ADDED.get(name, ()) or size - at > SLACK:
                         raise
                     values[field] = ""
             elif kind == "text":

@@ -23,8 +23,8 @@ MAX_HISTORY = 1 << 23
 number for each."""
 
 
-def check_size(nx: int, ny: int, block_cells: int, parameters: Parameters) -> None:
-    """Check the size of a sweep.
+def check_size(nx: int, ny: int, block_cells: int, parameters: Parameters, repeats: int = 0) -> None:
+    """Check the size of a sweep; `repeats` is how often each cell is repeated beside itself.
 
     Raises
     ------
@@ -36,12 +36,16 @@ def check_size(nx: int, ny: int, block_cells: int, parameters: Parameters) -> No
             raise ParameterError(f"{name} = {count}: should be 1 ... {MAX_CELLS}")
     if nx * ny > MAX_CELLS:
         raise ParameterError(f"x.count * y.count = {nx * ny} cells: should be at most {MAX_CELLS}")
-    if nx * ny * parameters.chunks > MAX_VERDICTS:
+    cells = nx * ny * (1 + repeats)
+    if cells > MAX_CELLS:
+        most = MAX_CELLS // (nx * ny) - 1
+        raise ParameterError(f"repeats = {repeats}: {cells} cells in all; should be at most {most} for this plane")
+    if cells * parameters.chunks > MAX_VERDICTS:
         raise ParameterError(
-            f"periods = {parameters.periods}: {nx * ny} cells with {parameters.chunks} tests each; should be at most "
+            f"periods = {parameters.periods}: {cells} cells with {parameters.chunks} tests each; should be at most "
             f"{MAX_VERDICTS} in all"
         )
-    check_block(min(block_cells, nx * ny), parameters)
+    check_block(min(block_cells, cells), parameters)
     if not 1 <= block_cells <= MAX_BLOCK_CELLS:
         raise ParameterError(f"block_cells = {block_cells}: should be 1 ... {MAX_BLOCK_CELLS}")
 

@@ -138,8 +138,9 @@ FIELDS: dict[str, dict[str, str]] = {
 """Message -> its fields in order; the fields of nested messages are written with a dot."""
 
 
-ADDED: dict[str, str] = {"Plan": "incarnation"}
-"""Message -> its last field, a string that older versions of bow did not write; it is then read as ""."""
+ADDED: dict[str, tuple[str, ...]] = {"Plan": ("incarnation",), "Verdicts": ("beat", "transient")}
+"""Message -> its last fields, which older versions of bow did not write. A string is then read as "", the field of a
+verdict as its empty value for each cell."""
 
 
 def is_sealed(name: str) -> bool:

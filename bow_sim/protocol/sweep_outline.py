@@ -20,7 +20,8 @@ from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
-from bow_sim.protocol.sweep_spec import Axis, check_plane, split
+from bow_sim.protocol.repeats import NO_REPEATS, Repeats
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
 
@@ -47,6 +48,8 @@ class SweepOutline:
         The blocks planned so far.
     adaptive
         Largest share of the cells that may be simulated; 1 = all cells, planned at once.
+    repeats
+        How the cells are repeated.
     """
 
     run_id: str
@@ -60,6 +63,7 @@ class SweepOutline:
     threshold_settings: Mapping[str, object]
     planned: Blocks
     adaptive: float
+    repeats: Repeats = NO_REPEATS
 
     @classmethod
     def of(cls, plan: Mapping[str, Any]) -> SweepOutline:
@@ -78,9 +82,11 @@ class SweepOutline:
         parameters = spec.parameters()
         counts = spec.number("x", "count"), spec.number("y", "count")
         block_cells = spec.number("", "block_cells")
-        check_size(*counts, block_cells, parameters)
+        repeats = Repeats.of(spec)
+        check_size(*counts, block_cells, parameters, repeats.count)
         x, y = Axis.of("x", spec.x), Axis.of("y", spec.y)
         check_plane(parameters, x, y)
+        repeats.check(parameters, x, y)
         adaptive = spec.share("adaptive", 1.0)
         if (adaptive < 1) != bool(len(rounds)):
             raise ParameterError(f"Plan.rounds has {len(rounds)} values, at adaptive = {adaptive:g}")
@@ -94,8 +100,9 @@ class SweepOutline:
             x=x,
             y=y,
             threshold_settings=spec.classifier,
-            planned=Blocks.announced(x.count * y.count, block_cells, rounds),
+            planned=Blocks.announced(repeats.cells(x.count * y.count), block_cells, rounds),
             adaptive=adaptive,
+            repeats=repeats,
         )
 
     def grown(self, rounds: NDArray[np.integer]) -> SweepOutline:
@@ -121,8 +128,13 @@ class SweepOutline:
 
     @property
     def cells(self) -> int:
-        """Number of cells of the plane; the index of a cell is iy * nx + ix."""
+        """Number of cells to simulate, repeats included; their numbers are 0 ... cells - 1."""
         return self.planned.cells
+
+    @property
+    def plane_cells(self) -> int:
+        """Number of cells of the plane; the index of a cell is iy * nx + ix."""
+        return self.x.count * self.y.count
 
     @property
     def blocks(self) -> int:
@@ -151,13 +163,15 @@ class SweepOutline:
 
     def values(self, name: str, cells: NDArray[np.integer]) -> NDArray[np.float64]:
         """Return the value of a numeric parameter, in the paper's units, at some cells, (cells,)."""
-        iy, ix = np.divmod(np.asarray(cells, np.int64), self.x.count)
-        lanes = paper_lanes(
-            self.parameters, {axis.name: axis.values()[index] for axis, index in ((self.x, ix), (self.y, iy))}
-        )
+        lanes = paper_lanes(self.parameters, self.lanes(cells))
         if name in lanes:
             return np.asarray(lanes[name], np.float64)
-        return np.full(len(ix), getattr(self.parameters, name), np.float64)
+        return np.full(len(cells), getattr(self.parameters, name), np.float64)
+
+    def lanes(self, cells: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
+        """Return what differs between some cells, by name, (cells,) each: axes, and deviations of repeats."""
+        values = axis_values(self.x, self.y, cells)
+        return self.repeats.vary(self.parameters, values, cells, self.plane_cells)
 
     def identity_objection(self, values: Mapping[str, Any]) -> str:
         """Return why the identity of a message does not belong to this sweep; "" where it does.

@@ -1,9 +1,10 @@
 """The written form of a sweep: "name=value" settings.
 
 Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map,
-``classifier.*`` for the thresholds of the verdicts, ``block_cells`` and ``adaptive``. Here the settings are only sorted
-into these groups and the axes are read: :mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and
-:mod:`bow_sim.protocol.sweep_outline` reads the complete settings that a plan announces.
+``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, and ``repeats``, ``jitter`` and
+``seed`` (:mod:`bow_sim.protocol.repeats`). Here the settings are only sorted into these groups and the axes are read:
+:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline`
+reads the complete settings that a plan announces.
 """
 
 from __future__ import annotations
@@ -16,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.instruments import SI
-from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters, parse_settings
+from bow_sim.physics.parameters import SWEEPABLE_NAMES, TYPES, Parameters, is_sweepable, parse_settings
 from bow_sim.protocol.limits import MAX_CELLS
 
 GROUPS = ("x", "y", "classifier")
@@ -31,7 +31,7 @@ class Axis:
     Attributes
     ----------
     name
-        One of :data:`bow_sim.physics.parameters.SWEEPABLE`.
+        One for which :func:`bow_sim.physics.parameters.is_sweepable` holds.
     scale
         "log" or "linear".
     first, last
@@ -74,8 +74,8 @@ class Axis:
         axis = cls(
             name=str(values["name"]),
             scale=str(values["scale"]),
-            first=_number(f"{key}.first", values["first"]),
-            last=_number(f"{key}.last", values["last"]),
+            first=real_number(f"{key}.first", values["first"]),
+            last=real_number(f"{key}.last", values["last"]),
             count=whole_number(f"{key}.count", values["count"]),
         )
         axis._check(key)
@@ -92,9 +92,8 @@ class Axis:
 
     def _check(self, key: str) -> None:
         """Raise ParameterError, which names the setting, for an axis that cannot be."""
-        if self.name not in SWEEPABLE | SI.keys():
-            known = ", ".join(sorted(SWEEPABLE | SI.keys()))
-            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {known}")
+        if not is_sweepable(self.name):
+            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {SWEEPABLE_NAMES}")
         if self.scale not in ("log", "linear"):
             raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
         if not 1 <= self.count <= MAX_CELLS:
@@ -112,6 +111,15 @@ class Axis:
                 f"{key}.count = {self.count}: {self.name} takes whole numbers, and {self.first:g} ... {self.last:g} "
                 f"in so many {self.scale} steps are not; for instance {key}.scale=linear and one step each"
             )
+
+
+def axis_values(x: Axis, y: Axis, cells: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
+    """Return the values of the parameters of two axes at some cells, repeats included: {x.name: (cells,), y.name: ...}.
+
+    A repeat stands at the place of its cell: the index of a cell is iy * nx + ix, and repeats count on from there.
+    """
+    iy, ix = np.divmod(np.asarray(cells, np.int64) % (x.count * y.count), x.count)
+    return {x.name: x.values()[ix], y.name: y.values()[iy]}
 
 
 def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
@@ -144,6 +152,9 @@ class Spec:
     classifier: Mapping[str, object]
     block_cells: object = None
     adaptive: object = None
+    repeats: object = None
+    jitter: object = None
+    seed: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -170,7 +181,7 @@ class Spec:
             For any other value.
         """
         value = getattr(self, key)
-        share = default if value is None else _number(key, value)
+        share = default if value is None else real_number(key, value)
         if not 0 < share <= 1:
             raise ParameterError(f"{key} = {share:g}: should be above 0 and at most 1")
         return share
@@ -193,7 +204,7 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
             groups[head][tail] = value
         else:
             plain[key] = value
-    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive")}
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed")}
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 
@@ -211,7 +222,14 @@ def whole_number(key: str, value: object) -> int:
         raise ParameterError(f"{key} = {value!r}: should be a whole number") from None
 
 
-def _number(key: str, value: object) -> float:
+def real_number(key: str, value: object) -> float:
+    """Return a setting that is a number.
+
+    Raises
+    ------
+    ParameterError
+        Where it is not one.
+    """
     try:
         return float(str(value))
     except ValueError:

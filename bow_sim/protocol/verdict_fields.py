@@ -29,6 +29,8 @@ VERDICT_FIELDS: dict[str, VerdictField] = {
     "corners": VerdictField(np.uint16, 0),
     "regime": VerdictField(np.uint8, PENDING),
     "confidence": VerdictField(np.float32, np.nan),
+    "beat": VerdictField(np.float32, np.nan),
+    "transient": VerdictField(np.float32, np.nan),
 }
 """Name -> field, in the order of Verdicts.msg, which documents each. The message, the growing map, ``map.npz`` and the
 verdict sets of `bow replay` take their fields from this table."""

@@ -2,6 +2,7 @@
 
 waveform      the motion of one cell: bridge force and slips
 cell_record   what is known of one cell
+parting       when the motions of repeats part from those of their cells
 parameters    the parameters of the cells of a sweep
 run_cells     the cells of a run: choose one, get its record
 from_bag      cells out of a bag, by its index

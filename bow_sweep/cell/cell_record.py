@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from bow_sim.physics.parameters import Parameters
+from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_sim.physics.parameters import CHUNK_PERIODS, Parameters
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.waveform import Waveform
+from bow_sweep.maps.basin_map import transient_lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,10 @@ class CellTests:
         uint16, number in the five periods before the test.
     helmholtz
         bool: whether all three tests passed.
+    beat
+        float32, nominal periods: of a wolf; NaN = none, or not kept.
+    transient
+        float32, nominal periods: Guettler's transient as known at the test, 0 = none yet; NaN for other gestures.
     """
 
     periods: np.ndarray
@@ -39,7 +46,25 @@ class CellTests:
     slips: np.ndarray
     corners: np.ndarray
     helmholtz: np.ndarray
+    beat: np.ndarray
+    transient: np.ndarray
     regime_names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, layers: Mapping[str, np.ndarray]) -> CellTests:
+        """Return the tests of a cell from its verdicts: field of a verdict -> (tests,)."""
+        tests = len(layers["regime"])
+        return cls(
+            periods=np.arange(1, tests + 1) * CHUNK_PERIODS,
+            helmholtz=is_helmholtz(layers["regime"]),
+            regime_names=tuple(REGIMES),
+            **layers,
+        )
+
+    @property
+    def transient_periods(self) -> float:
+        """Periods until the tests first passed, or Guettler's transient; 0 = never."""
+        return float(transient_lengths(self.regime[:, None], self.transient[:, None])[0])
 
     def name(self, test: int = -1) -> str:
         """Return the name of the regime at a test; "pending" without a verdict."""
@@ -69,7 +94,9 @@ class CellRecord(Waveform):
     run_id
         Of the run; "" where nothing says it.
     cell
-        Index in the map, iy * nx + ix.
+        Index in the map, iy * nx + ix; repeats count on from there.
+    repeat
+        Number of the repeat, from 1; 0 = the cell itself.
     x_name, y_name, x, y
         The parameters of the map's axes, and their values in this cell.
     parameters
@@ -89,6 +116,7 @@ class CellRecord(Waveform):
 
     run_id: str
     cell: int
+    repeat: int
     x_name: str
     y_name: str
     x: float
@@ -118,4 +146,5 @@ class CellRecord(Waveform):
     @property
     def title(self) -> str:
         """The cell and the values of its two parameters, as text."""
-        return f"cell {self.cell}: {self.x_name} {self.x:.4g}, {self.y_name} {self.y:.4g}"
+        repeat = f", repeat {self.repeat}" if self.repeat else ""
+        return f"cell {self.cell}{repeat}: {self.x_name} {self.x:.4g}, {self.y_name} {self.y:.4g}"

@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.block_request import BlockRequest, encode_chunk
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol import cdr
 from bow_sweep.cell.cell_record import CellTests
 from bow_sweep.cell.parameters import Plane, lanes
@@ -63,11 +61,7 @@ def judged(sweep: Sweep, cell: int) -> tuple[CellTests, float]:
     basin = Basin(1, 1, sweep.chunks)
     for test, verdict in enumerate(verdicts(sweep.parameters, lanes(sweep, np.array([cell])), sweep.thresholds)):
         basin.take(test, np.zeros(1, int), verdict._asdict())
-    layers: dict[str, Any] = {name: layer[:, 0] for name, layer in basin.layers.items()}
-    periods = np.arange(1, sweep.chunks + 1) * CHUNK_PERIODS
-    passed = is_helmholtz(layers["regime"])
-    tests = CellTests(periods=periods, helmholtz=passed, regime_names=tuple(REGIMES), **layers)
-    return tests, float(basin.transient_periods[0])
+    return CellTests.of({name: layer[:, 0] for name, layer in basin.layers.items()}), float(basin.transient_periods[0])
 
 
 def chunk_checksums(plane: Plane, block: int, cells: np.ndarray) -> list[int]:

@@ -11,6 +11,7 @@ import numpy as np
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.record.bag import BagError, bag_files
@@ -143,16 +144,20 @@ class BagCells:
         DamagedCell
             Where a message is missing, or its checksum does not hold.
         """
-        found = []
-        for topic, name in (("bridge_force", "BridgeForce"), ("stick_slip", "StickSlip")):
-            place = self._survey.places[topic].get((block, chunk))
-            if place is None:
-                raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
-            try:
-                found.append(self.outline.unseal(name, self._read(place)))
-            except (BagError, cdr.WireError, OSError) as error:
-                raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
-        return found[0], found[1]
+        return self._stream("bridge_force", "BridgeForce", block, chunk), self.stick_slip(block, chunk)
+
+    def stick_slip(self, block: int, chunk: int) -> dict[str, Any]:
+        """Return the fields of StickSlip of all cells of a block in a chunk; raises as :meth:`streams`."""
+        return self._stream("stick_slip", "StickSlip", block, chunk)
+
+    def _stream(self, topic: str, name: str, block: int, chunk: int) -> dict[str, Any]:
+        place = self._survey.places[topic].get((block, chunk))
+        if place is None:
+            raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
+        try:
+            return self.outline.unseal(name, self._read(place))
+        except (BagError, cdr.WireError, OSError) as error:
+            raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
 
     def force(self, cell: int, chunk: int) -> np.ndarray | None:
         """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.
@@ -182,9 +187,21 @@ class BagCells:
         """
         return bytes(self._chunks.read(place))
 
+    def verdicts(self, cell: int) -> dict[str, np.ndarray]:
+        """Return the recorded verdicts on a cell by the name of the field, (tests,) each."""
+        block, row, tests = self.block_of(cell), int(self._row[cell]), self.outline.chunks
+        out = {name: field.array((tests,)) for name, field in VERDICT_FIELDS.items()}
+        for chunk in range(tests):
+            found = None if block is None else self._survey.verdicts.get((block, chunk))
+            if found is not None:
+                for name, values in out.items():
+                    values[chunk] = found.layers[name][row]
+        return out
+
     def basin(self) -> Basin:
         """Return all recorded verdicts."""
-        basin = Basin(self.outline.x.count, self.outline.y.count, self.outline.chunks)
+        outline = self.outline
+        basin = Basin(outline.x.count, outline.y.count, outline.chunks, outline.repeats.count)
         for (block, chunk), verdict in sorted(self._survey.verdicts.items()):
             basin.take(chunk, self.outline.block(block), verdict.layers)
         return basin

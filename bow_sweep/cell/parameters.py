@@ -29,11 +29,13 @@ class Plane(Protocol):
     def y(self) -> Axis:
         """The axis along y."""
 
+    def lanes(self, cells: np.ndarray) -> dict[str, np.ndarray]:
+        """Return what differs between some cells, by name, (cells,) each."""
+
 
 def lanes(plane: Plane, cells: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the values of the two parameters of the axes at some cells, as the coordinator sends them."""
-    iy, ix = np.divmod(np.asarray(cells, np.int64), plane.x.count)
-    return {plane.x.name: plane.x.values()[ix], plane.y.name: plane.y.values()[iy]}
+    """Return what differs between some cells, as simulators compute them: axes, and deviations of repeats."""
+    return plane.lanes(np.asarray(cells, np.int64))
 
 
 def parameters_of(plane: Plane, cell: int) -> Parameters:

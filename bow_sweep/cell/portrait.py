@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bow_sim.physics.instruments import in_si
 from bow_sweep.cell import analysis
 from bow_sweep.cell.analysis import Harmonics, Spectrum
 from bow_sweep.cell.cell_record import CellRecord
@@ -66,9 +67,17 @@ class Portrait:
         tests = record.tests
         values = ((record.x_name, record.x), (record.y_name, record.y))
         lines = [(name, f"{value:.6g} {unit_of(name)}".rstrip()) for name, value in values]
+        if si := in_si(vars(record.parameters)):
+            words = [f"{name} {value:.4g} {unit_of(name)}".rstrip() for name, value in si.items()]
+            lines.append(("in SI units", ", ".join(words)))
+        if record.repeat:
+            p = record.parameters
+            lines.append(("this repeat", f"f_asym {p.f_asym:.6g}, f_init_ratio {p.f_init_ratio:.6g}"))
         if len(tests.periods):
             sure = float(tests.confidence[-1])
             last = regime_label(tests.name()) + ("" if np.isnan(sure) else f", confidence {sure:.2f}")
+            if not np.isnan(tests.beat[-1]):
+                last += f", beat {float(tests.beat[-1]):.1f} periods"
             lines.append(("regime at the end", last))
             lines.append(
                 ("regimes", "; ".join(f"{a}-{b} {regime_label(name)}" for a, b, name in tests.runs()) + " (periods)")

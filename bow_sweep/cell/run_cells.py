@@ -13,7 +13,7 @@ import numpy as np
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import FIELDS
-from bow_sim.protocol.verdict_fields import PENDING
+from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 from bow_sweep.cell.cell_record import CellRecord, CellTests
 from bow_sweep.cell.parameters import parameters_of, place
 from bow_sweep.cell.waveform import CellError, Waveform
@@ -109,9 +109,14 @@ class RunCells:
 
     @property
     def cells(self) -> int:
-        """Number of cells."""
+        """Number of cells of the map."""
         ny, nx = self.map.shape
         return nx * ny
+
+    @property
+    def repeats(self) -> int:
+        """How often each cell was repeated; repeat R of a cell has the number R * cells + cell."""
+        return int(self.map.values.get("repeats", 0))
 
     def nearest(self, values: Mapping[str, float]) -> int:
         """Return the cell whose parameters are nearest to some values, in steps of the axes.
@@ -167,7 +172,7 @@ class RunCells:
         Parameters
         ----------
         cell
-            Index in the map, iy * nx + ix.
+            Index in the map, iy * nx + ix, or the number of a repeat, see :attr:`repeats`.
         source
             One of `SOURCES`.
 
@@ -179,8 +184,9 @@ class RunCells:
         """
         if source not in SOURCES:
             raise CellError(f"source {source!r}: should be one of {', '.join(SOURCES)}")
-        if not 0 <= cell < self.cells:
-            raise CellError(f"cell {cell}: there is none; this map has cells 0 ... {self.cells - 1}")
+        if not 0 <= cell < self.cells * (1 + self.repeats):
+            repeated = f", and {self.repeats} repeats of each" if self.repeats else ""
+            raise CellError(f"cell {cell}: there is none; this map has cells 0 ... {self.cells - 1}{repeated}")
         key = (int(cell), source)
         if key not in self._kept:
             self._kept[key] = self._record(int(cell), source)
@@ -273,8 +279,12 @@ class RunCells:
         return ""
 
     def _complete(self, cell: int, wave: Waveform, source: str, checked: bool | None, why: str) -> CellRecord:
-        iy, ix = divmod(cell, self.map.shape[1])
+        repeat, place = divmod(cell, self.cells)
+        iy, ix = divmod(place, self.map.shape[1])
         tests, transient = self._tests(iy, ix), float(self.map.transient_periods[iy, ix])
+        if repeat:
+            tests = self._tests_of_repeat(cell, tests)
+            transient = tests.transient_periods
         if source == "computed" and (tests.regime == PENDING).all():
             from bow_sweep.cell.computed import judged
 
@@ -288,6 +298,7 @@ class RunCells:
             slips=wave.slips,
             run_id=self.map.run_id,
             cell=cell,
+            repeat=repeat,
             x_name=self.map.x_name,
             y_name=self.map.y_name,
             x=float(self.map.x[ix]),
@@ -300,11 +311,22 @@ class RunCells:
             why=why,
         )
 
+    def _tests_of_repeat(self, cell: int, of_cell: CellTests) -> CellTests:
+        """Return the recorded tests of a repeat, which the map does not have; all pending without a bag."""
+        if self.bag is not None:
+            return CellTests.of(self.bag.verdicts(cell))
+        tests = (len(of_cell.periods),)
+        return CellTests.of({name: field.array(tests) for name, field in VERDICT_FIELDS.items()})
+
     def _tests(self, iy: int, ix: int) -> CellTests:
         found = self.map
         tests = len(found.test_periods)
         regime = np.full(tests, PENDING, np.uint8)
         confidence = np.full(tests, np.nan, np.float32)
+        rare = {
+            name: np.full(tests, np.nan, np.float32) if layer is None else layer[:, iy, ix].copy()
+            for name, layer in (("beat", found.beat), ("transient", found.transient))
+        }
         if found.regimes is not None and found.confidence is not None:
             regime, confidence = found.regimes[:, iy, ix].copy(), found.confidence[:, iy, ix].copy()
         elif tests:
@@ -317,6 +339,7 @@ class RunCells:
             regime=regime,
             confidence=confidence,
             helmholtz=found.helmholtz[:, iy, ix].copy(),
+            **rare,
             regime_names=found.regime_names,
             **layers,
         )

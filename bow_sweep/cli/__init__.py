@@ -6,13 +6,17 @@ sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
 inspect       `bow inspect`
 transient     `bow transient`
+edges         `bow edges`
+exponent      `bow exponent`
 verify        `bow verify`
 replay        `bow replay`
 recover       `bow recover`
 figure        `bow figure`
 validate      `bow validate`
+validate_beyond  its second page, `bow validate --beyond`
 compare       `bow compare`
 explore       `bow explore`
+repeats       `bow repeats`
 export        `bow export`
 classify      `bow classify`
 settings      `bow settings`

@@ -38,6 +38,7 @@ def add_command(commands: Any) -> None:
         epilog="examples:\n"
         "  bow inspect runs/fig11d --at f_asym=3.1,f_init_ratio=0.67\n"
         "  bow inspect runs/fig11d --cell 4160 --cell 4161             two cells side by side\n"
+        "  bow inspect runs/sure --cell 100 --repeat 0 --repeat 3      a cell, and its third repeat\n"
         "  bow inspect runs/fig11d --cell 4160 --wav a.wav --seconds 3 --body\n"
         "  bow inspect runs/fig11d --cell 4160 --plot cell.png --no-view\n\n"
         "exit status: 0 done; 1 a waveform is not the recorded one, or a file cannot be written; 2 wrong usage",
@@ -47,6 +48,9 @@ def add_command(commands: Any) -> None:
                         help="the cell nearest to these values of the map's two axes; may be given again")  # fmt: skip
     parser.add_argument("--cell", metavar="N", type=int, action="append", default=[], dest="cells",
                         help="the cell with this number; may be given again")  # fmt: skip
+    parser.add_argument("--repeat", metavar="R", type=int, action="append", default=[], dest="repeats",
+                        help="repeat R of the chosen cells, of a run with repeats; 0 is the cell itself; may be "
+                        "given again")  # fmt: skip
     parser.add_argument("--computed", action="store_true", help="simulate the cell again, even if the bag has it")
     parser.add_argument("--save", metavar="F.rrd", type=Path, help="add the cells to this recording instead")
     parser.add_argument("--no-view", action="store_true", help="write the recording, but open no viewer")
@@ -72,7 +76,7 @@ def _inspect(args: argparse.Namespace) -> int:
             chosen = _chosen(args, cells)
             records = [cells.record(cell, "computed" if args.computed else "auto") for cell in chosen]
             recording = _kept(args, cells, chosen)
-            return _show(args, records, recording)
+            return _show(args, cells, records, recording)
     except (CellError, FigureError, SoundError) as error:
         return fail(str(error))
 
@@ -116,6 +120,11 @@ def _chosen(args: argparse.Namespace, cells: RunCells) -> list[int]:
         example = ",".join(f"{a.name}={a.values[len(a.values) // 2]:.3g}" for a in cells.map.axes)
         raise CellError(f"no cell is chosen: the map has {axes}; for instance --at {example}")
     chosen = [cells.nearest(values_in(text)) for text in args.places] + args.cells
+    if wrong := [repeat for repeat in args.repeats if not 0 <= repeat <= cells.repeats]:
+        has = f"repeats 1 ... {cells.repeats} of each cell" if cells.repeats else "no repeats"
+        raise CellError(f"--repeat {wrong[0]}: this run has {has}; 0 is the cell itself")
+    if args.repeats:
+        chosen = [repeat * cells.cells + cell % cells.cells for cell in chosen for repeat in args.repeats]
     return list(dict.fromkeys(chosen))  # a cell that was chosen twice is shown once
 
 
@@ -159,7 +168,7 @@ def _kept(args: argparse.Namespace, cells: RunCells, chosen: Sequence[int]) -> l
         before = cells_in(_recording(args), cells.map.run_id)
     except ValueError as error:
         raise CellError(str(error)) from None
-    earlier = [cell for cell in before if cell not in chosen and cell < cells.cells]
+    earlier = [cell for cell in before if cell not in chosen and cell < cells.cells * (1 + cells.repeats)]
     if left_out := earlier[: max(0, len(earlier) + len(chosen) - MOST)]:
         warn(f"{_recording(args)} holds {MOST} cells: cell {', '.join(map(str, left_out))} is left out now")
     source = "computed" if args.computed else "auto"
@@ -175,7 +184,9 @@ def _recording(args: argparse.Namespace) -> Path:
     return args.save or args.run_directory / FILE
 
 
-def _show(args: argparse.Namespace, records: Sequence[CellRecord], recording: Sequence[CellRecord] | None) -> int:
+def _show(
+    args: argparse.Namespace, cells: RunCells, records: Sequence[CellRecord], recording: Sequence[CellRecord] | None
+) -> int:
     """Print what is known of the cells, and write the files; return the exit status."""
     from bow_sweep.cell.portrait import Portrait
     from bow_sweep.processes.progress import percentages
@@ -190,6 +201,8 @@ def _show(args: argparse.Namespace, records: Sequence[CellRecord], recording: Se
         print(record.title)
         for name, text in portraits[record.cell].facts()[2:]:
             print(f"  {name:17} {text}")
+        if record.repeat:
+            print(f"  {'parting':17} {_parting(record, cells)}")
         if record.checked is False:
             warn(f"cell {record.cell}: its waveform is not the recorded one: {record.why}")
             status = FAILED
@@ -206,6 +219,16 @@ def _show(args: argparse.Namespace, records: Sequence[CellRecord], recording: Se
     if not args.no_view:
         _open(_recording(args))
     return status
+
+
+def _parting(record: CellRecord, cells: RunCells) -> str:
+    """Return in words when the motion of a repeat parts from that of its cell."""
+    from bow_sweep.cell.parting import APART, parting
+
+    periods = parting(record, cells.record(record.cell % cells.cells), record.period)
+    if periods == float("inf"):
+        return f"never: all slips begin within {APART} samples of those of the cell"
+    return f"from the cell after {periods:.1f} periods: a slip begins more than {APART} samples earlier or later"
 
 
 def _write_pictures(args: argparse.Namespace, records: Sequence[CellRecord], portraits: dict[int, Portrait]) -> None:

@@ -10,12 +10,15 @@ from bow_sim.graph import environment
 from bow_sweep.cli import (
     classify,
     compare,
+    edges,
     explore,
+    exponent,
     export,
     figure,
     inspect,
     nodes,
     recover,
+    repeats,
     replay,
     settings,
     sweep,
@@ -37,8 +40,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    runs = inspect, explore, verify, replay, recover, compare, export
-    for module in (sweep, transient, *runs, figure, validate, classify, settings):
+    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
+    for module in (*looked_at, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

@@ -3,36 +3,50 @@
 from __future__ import annotations
 
 import argparse
+import json
 import textwrap
 from typing import Any
 
 from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.physics import body
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol.repeats import MAX_SEED, Repeats
+from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
 
-SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE is a reflection function of your own"
+SET_HELP = "any setting, repeatable; `bow settings` lists them; @FILE reads a reflection, modes or a friction curve"
 """Help of the option --set of other commands."""
 
 
 def add_command(commands: Any) -> None:
     """Add the parser of `settings`; its default `run` takes the parsed arguments."""
     about = "list every setting, its default, unit, range and source"
-    commands.add_parser("settings", help=about, description=about).set_defaults(run=_settings)
+    parser = commands.add_parser("settings", help=about, description=about)
+    parser.add_argument(
+        "--schema", action="store_true", help="print the JSON Schema of preset files instead, for an editor"
+    )
+    parser.set_defaults(run=_settings)
 
 
-def _settings(_: argparse.Namespace) -> int:
+def _settings(args: argparse.Namespace) -> int:
+    if args.schema:
+        print(json.dumps(schema(), indent=1))
+        return DONE
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
-            print(textwrap.indent(_describe(field), "    "))
+            print(textwrap.indent(_describe(field) + _other_ways(name) * (not prefix), "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
         unit = f" [{quantity.unit}]" if quantity.unit else ""
-        print(f"{name}\n    {quantity.doc}{unit}; sets {quantity.same}{needs}")
+        print(f"{name}\n    {quantity.doc}{unit}; {_FORMULAS.get(name, f'sets {quantity.same}')}{needs}; PHYSICS.md 10")
+    for what, (unit, meaning) in body.KINDS.items():
+        print(f"body_1_{what}, body_2_{what}, ...")
+        print(f"    of one mode of the body: {meaning}{f' [{unit}]' if unit else ''}; > 0; PHYSICS.md 11")
     for name, presets in PRESETS.items():
-        print(f"{name}")
+        print(f"{name}\n    sets what follows; {_SOURCES.get(name, 'PHYSICS.md 10')}")
         for preset, values in presets.items():
             print(f"    {preset}: {', '.join(f'{key} {value:g}' for key, value in values.items())}")
     for axis, defaults in (("x", X_AXIS), ("y", Y_AXIS)):
@@ -46,7 +60,32 @@ def _settings(_: argparse.Namespace) -> int:
     print(
         f"adaptive = {Sweep.adaptive:g}\n    share of the cells to simulate at most; below 1 the others are predicted"
     )
+    print(
+        f"repeats = {Repeats.count}\n    further simulations of each cell with slightly other forces, for example 8:\n"
+        "    how sure is the map\n"
+        f"jitter = {Repeats.jitter:g}\n    largest relative deviation of f_asym and of f_init in a repeat; 0 ... 1\n"
+        f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
+    )
     return DONE
+
+
+_FORMULAS = {
+    "f_0": "sample_rate = period f_0",
+    "speed": "v_b = speed/v_unit",
+    "force": "f_asym = force/(y_t z_0 v_unit)",
+    "bow_acceleration": "acceleration = bow_acceleration/(f_0 v_unit)",
+    "v_0": "v_mid = v_b - v_0/v_unit",
+    "beta": "bow_bridge + bow_offset = beta period",
+}
+"""How a value in SI units gives that of the paper's setting."""
+
+_SOURCES = {"bridge": "PHYSICS.md 3 and 10", "hair": "PHYSICS.md 12", "rosin": "PHYSICS.md 13"}
+
+
+def _other_ways(name: str) -> str:
+    """Return the settings in SI units that give the same, with their units."""
+    others = [f"{other} [{q.unit}]" if q.unit else other for other, q in SI.items() if q.same == name]
+    return f"; also: {', '.join(others)}" if others else ""
 
 
 def _describe(field: Any) -> str:

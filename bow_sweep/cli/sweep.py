@@ -15,6 +15,7 @@ from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
+from bow_sweep.plan.preset_files import choose
 from bow_sweep.plan.presets import presets
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, QUARANTINED, USAGE
 from bow_sweep.run.campaign import campaigns
@@ -32,13 +33,14 @@ MOST = 64
 """Simulators of one graph on one machine at most: each of them receives the heartbeats of all others."""
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
-def bounded(simulators: int, cores: int) -> int:
+def bounded(simulators: int, on: int) -> int:
     """Return how many of the requested simulators are started on a machine with this number of cores."""
-    return min(simulators, MOST_A_CORE * cores, MOST)
+    return min(simulators, MOST_A_CORE * on, MOST)
 
 
 def add_command(commands: Any) -> None:
@@ -56,11 +58,19 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
+        "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
+        "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
         "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
         "exit status: 0 done, 1 failed, 2 wrong usage, 3 done but for quarantined blocks, 130 interrupted",
     )
-    parser.add_argument("preset", nargs="?", default="", help="named sweep; without one, the defaults of the package")
+    parser.add_argument(
+        "preset",
+        nargs="?",
+        default="",
+        help="named sweep, or a .yaml file; a name is searched in ./, in ~/.config/bow/presets and in the package; "
+        "without one, the defaults of the package",
+    )
     parser.add_argument("--model", help=f"one of {', '.join(MODELS)}")
     parser.add_argument("--v-mid", metavar="V", help="string speed where friction is midway, in v_b; below 1")
     parser.add_argument("--nx", metavar="N", help="cells along x (f_asym)")
@@ -72,10 +82,13 @@ def add_command(commands: Any) -> None:
         "--simulators",
         metavar="N",
         type=int,
-        default=bounded(_cores(), _cores()),
+        default=bounded(cores(), cores()),
         help="processes (default: one a core)",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
+    parser.add_argument(
+        "--save-preset", metavar="FILE", type=Path, help="write this sweep to a .yaml file, then run it"
+    )
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue the run in this directory")
     parser.add_argument(
         "--network",
@@ -119,7 +132,7 @@ def _sweep(args: argparse.Namespace) -> int:
         except discovery.NetworkError as error:
             return fail(f"--network {error}")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
-    if args.resume and (args.preset or short or args.settings or args.out):
+    if args.resume and (args.preset or short or args.settings or args.out or args.save_preset):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
     from bow_sweep.cli.sweep_jobs import begin, resume
     from bow_sweep.run.directory import RunError
@@ -128,10 +141,14 @@ def _sweep(args: argparse.Namespace) -> int:
         if args.resume:
             work = resume(args.resume.resolve(), not args.no_lock)
         else:
-            work = begin(args.preset, embed_files(short + args.settings), args.out, not args.no_lock)
+            chosen = choose(args.preset, campaigns())
+            if chosen.path:
+                print(f"preset {chosen.label}: from {chosen.path}", flush=True)
+            settings = embed_files([*chosen.settings, *short, *args.settings])
+            work = begin(chosen, settings, args.out, not args.no_lock, args.save_preset)
     except (ParameterError, RunError, OSError) as error:
         return fail(str(error))
-    most = bounded(args.simulators, _cores())
+    most = bounded(args.simulators, cores())
     if most < args.simulators:
         warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
         args.simulators = most
@@ -147,7 +164,7 @@ def _sweep(args: argparse.Namespace) -> int:
 
 def _run_and_report(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen) -> int:
     left_out: list[Path] = []
-    status = _run(args, work, dashboard, screen, left_out)
+    status = run_jobs(args, work, dashboard, screen, left_out)
     if status != DONE:
         return status
     if work.campaign:
@@ -157,8 +174,18 @@ def _run_and_report(args: argparse.Namespace, work: Work, dashboard: Wanted, scr
     return QUARANTINED if quarantined else DONE
 
 
-def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen, left_out: list[Path]) -> int:
-    """Make the runs with one display, and release their directory; append the logs of processes that were left out."""
+def run_jobs(
+    args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen, left_out: list[Path], command: str = ""
+) -> int:
+    """Make the runs with one display, and release their directory; append the logs of processes that were left out.
+
+    Parameters
+    ----------
+    args
+        With `simulators`, `no_sync` and `no_lock`.
+    command
+        With which the user goes on after an interruption; "" for that of a resumed sweep.
+    """
     from bow_sweep.processes.progress import Display
     from bow_sweep.processes.run_graph import run_graph
     from bow_sweep.processes.supervisor import GraphError
@@ -167,7 +194,7 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen
     display = Display()
     for note in (*dashboard.notes, *screen.notes):
         display.print_line(note)
-    again = f"go on with: bow sweep --resume {shlex.quote(str(owned.directory))}"
+    again = f"go on with: {command or f'bow sweep --resume {shlex.quote(str(owned.directory))}'}"
     unbegun = "no run was begun, and nothing is left of it: the same command can be given again"
     runs = [job.directory for job in jobs]
     total = sum(job.sweep.budget for job in jobs)
@@ -177,12 +204,16 @@ def _run(args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen
     try:
         for number, job in enumerate(jobs, 1):
             p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
-            name = job.sweep.preset or "sweep"
+            name = job.sweep.preset or (job.directory.name if len(jobs) > 1 else "sweep")
             display.begin(f"{name} ({number} of {len(jobs)})" if len(jobs) > 1 else "", before, total)
+            repeats = job.sweep.repeats.count
+            repeated = f" and {repeats} repeats of each" if repeats else ""
             display.print_line(
-                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells, {p.periods} periods, "
+                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells{repeated}, {p.periods} periods, "
                 f"{args.simulators} simulators -> {job.directory}"
             )
+            for note in job.sweep.notes:
+                display.print_line(f"note: {note}")
             if discovery.goes_beyond(os.environ):
                 display.print_line(
                     f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.identity import random_id
+from bow_sweep.plan.preset_files import Chosen, save
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.processes.new_directory import OwnedDirectory, create_directory, open_directory
+from bow_sweep.processes.new_directory import SUPERVISOR, OwnedDirectory, create_directory, open_directory
 from bow_sweep.run.campaign import FILE, Campaign, campaigns
+from bow_sweep.run.lock import take
 
 
 @dataclass(frozen=True)
@@ -41,30 +44,36 @@ class Work(NamedTuple):
     jobs: list[Job]
 
 
-def begin(preset: str, settings: Sequence[str], out: Path | None, lock: bool) -> Work:
+def begin(chosen: Chosen, settings: Sequence[str], out: Path | None, lock: bool, save_as: Path | None) -> Work:
     """Create the directory of a new sweep or campaign; return the runs to make.
 
     Parameters
     ----------
-    preset
-        Of a sweep or a campaign; "" for the defaults of the package.
+    chosen
+        The preset of a sweep or a campaign, or a user's file.
     settings
-        "name=value" over the preset.
+        "name=value" over a preset of the package: those of the user's file, then those of the command line.
     out
         Directory that the user named; None for a default name.
     lock
         Lock the directory.
+    save_as
+        File to write the sweep to as a preset; None for none.
 
     Raises
     ------
     ParameterError
-        For an unknown preset, or a wrong setting.
+        For a wrong setting.
     RunError, OSError
         Where the directory cannot be created or used.
     """
-    campaign = Campaign.of(preset, settings) if preset in campaigns() else None
-    sweeps = campaign.sweeps() if campaign else {"": Sweep.from_spec(preset, settings)}
-    owned = create_directory(out, preset or sweeps[""].parameters.model, lock)
+    campaign = Campaign.of(chosen.preset, settings) if chosen.preset in campaigns() else None
+    if campaign and save_as:
+        raise ParameterError(f"--save-preset {save_as}: {campaign.name} is several sweeps; a preset is one")
+    sweeps = campaign.sweeps() if campaign else {"": Sweep.from_spec(chosen.preset, settings)}
+    if save_as:
+        save(save_as, sweeps[""], f"after {chosen.label}" if chosen.label else save_as.stem)
+    owned = create_directory(out, chosen.label or sweeps[""].parameters.model, lock)
     try:
         if campaign:
             campaign.begin(owned.directory)
@@ -86,24 +95,42 @@ def resume(directory: Path, lock: bool) -> Work:
     owned = open_directory(directory, lock)
     try:
         if not (directory / FILE).exists():
-            return Work(owned, None, _unfinished(directory, lock))
+            return Work(owned, None, unfinished(directory, lock))
         campaign = Campaign.in_directory(directory)
         jobs: list[Job] = []
         for preset, sweep in campaign.sweeps().items():
             run = directory / preset
-            if not run.is_dir() or not (any(run.glob("ledger.jsonl*")) or any(run.glob("bag/*"))):
+            if not has_begun(run):
                 jobs.append(Job(run, random_id(), sweep))
             else:
-                jobs += _unfinished(run, lock)
+                jobs += unfinished(run, lock)
         return Work(owned, campaign, jobs)
     except BaseException:
         owned.release()
         raise
 
 
-def _unfinished(directory: Path, lock: bool) -> list[Job]:
+def unfinished(directory: Path, lock: bool) -> list[Job]:
     """Return the job to resume a run, or none where it is finished; print what was found in ledger and bag."""
     from bow_sweep.coordinator.resume import prepare
 
     run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), lock)
     return [] if run.complete else [Job(directory, run.run_id, run.sweep, resume=True)]
+
+
+def has_begun(run: Path) -> bool:
+    """Return whether a run was begun in a directory."""
+    return run.is_dir() and (any(run.glob("ledger.jsonl*")) or any(run.glob("bag/*")))
+
+
+def shared_directory(directory: Path) -> OwnedDirectory:
+    """Create, or open, and lock a directory in which runs lie beside other files.
+
+    Raises
+    ------
+    RunError, OSError
+        Where it cannot be used, or another process is at work on it.
+    """
+    if not directory.exists():
+        return create_directory(directory, "")
+    return OwnedDirectory(directory, [], take(directory, SUPERVISOR), new=False)

@@ -12,6 +12,7 @@ from typing import Any
 
 from bow_sim.graph import environment
 from bow_sweep.cli.terminal import warn
+from bow_sweep.maps.reliability import in_words
 from bow_sweep.run.campaign import Campaign, report
 
 MENTIONED_S = 2.0
@@ -116,7 +117,7 @@ def print_campaign(campaign: Campaign, directory: Path, left_out: Sequence[Path]
     for preset, run in found["runs"].items():
         length = run["median_transient_periods"]
         _print(
-            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {run['cells']['planned']} cells"
+            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {_of_plane(run)} cells"
             + (f", median transient {length:g} periods" if length else "")
         )
     cells = found["cells"]
@@ -158,15 +159,34 @@ def _left_out(log: Path) -> str:
     return f"without {log.stem} to its end: see {log}"
 
 
+def _in_si(found: dict[str, Any]) -> list[str]:
+    """Return what all cells share in SI units, as a line, where the run has such units."""
+    shared = found.get("si")  # older reports have no such entry
+    if not shared:
+        return []
+    return ["in all cells: " + ", ".join(f"{n} {e['value']:.4g} {e['unit']}".rstrip() for n, e in shared.items())]
+
+
+def _of_plane(found: dict[str, Any]) -> int:
+    """Return how many cells of the plane a run has planned, from its report."""
+    return int(found["cells"]["planned"]) // (1 + found.get("repeats", {"repeats": 0})["repeats"])
+
+
 def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -> str:
     cells = found["cells"]
     regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in found["regimes"].items() if count)
     predicted = found.get("cells_predicted", 0)
     whole = f"the map, of which {predicted} cells are predicted" if predicted else "them"
+    repeats = found.get("repeats")
+    if repeats:
+        whole = "the map"
+    number = f" ({_of_plane(found)} of the map and their repeats)" if repeats else ""
     lines = [
-        f"{cells['done']} of {cells['planned']} cells in {found['wall_seconds']:.1f} s; "
+        f"{cells['done']} of {cells['planned']} cells{number} in {found['wall_seconds']:.1f} s; "
         f"Helmholtz motion in {found['helmholtz_fraction']:.3f} of {whole}",
         f"at the last test: {regimes}",
+        *_in_si(found),
+        *(in_words(repeats) if repeats else ()),
         *map(_left_out, left_out),
         "",
         f"{directory}/",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 import sys
 
 from bow_sim.graph import environment
@@ -19,6 +20,11 @@ def warn(message: str) -> None:
     """Print a message; nothing happens where stderr is closed."""
     with contextlib.suppress(OSError):
         print(f"bow: {message}", file=sys.stderr)
+
+
+def width() -> int:
+    """Return the width of tables, in characters: that of the terminal, 60 to 140."""
+    return min(max(shutil.get_terminal_size((120, 24)).columns, 60), 140)
 
 
 def environment_is_ready() -> bool:

@@ -6,15 +6,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from bow_sim.physics.applicability import notes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection import ends
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.inspect import BODY_HELP, SOUND_HELP, check_sound
 from bow_sweep.cli.settings import SET_HELP
-from bow_sweep.cli.terminal import fail
+from bow_sweep.cli.terminal import fail, warn
 from bow_sweep.processes.exit_status import DONE
 
-_SHORT = ("model", "v_mid", "f_asym", "f_init_ratio", "periods")
+SHORT = ("model", "v_mid", "f_asym", "f_init_ratio", "periods")
 """Settings with an option of their own."""
 
 
@@ -30,8 +32,8 @@ def add_command(commands: Any) -> None:
         "(state after the step); with modes of a body bridge_velocity and bridge_force_real (over Z_0), with thermal\n"
         "friction temperature (K).",
     )
-    for name in _SHORT:
-        parser.add_argument(f"--{name.replace('_', '-')}", metavar=name.upper(), dest=name, help=_field_help(name))
+    for name in SHORT:
+        parser.add_argument(f"--{name.replace('_', '-')}", metavar=name.upper(), dest=name, help=field_help(name))
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument("--npz", metavar="F", type=Path, help="write the waveforms as a NumPy archive")
     parser.add_argument("--plot", metavar="F", type=Path, help="draw them (.png, .svg or .pdf)")
@@ -41,7 +43,8 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_transient)
 
 
-def _field_help(name: str) -> str:
+def field_help(name: str) -> str:
+    """Return the help of an option that stands for a setting."""
     field = Parameters.__dataclass_fields__[name]
     unit = f", in {field.metadata['unit']}" if field.metadata["unit"] else ""
     return f"{field.metadata['doc']}{unit} (default {field.default})".replace("%", "%%")
@@ -51,14 +54,17 @@ def _transient(args: argparse.Namespace) -> int:
     from bow_sim.figures.transient import check_plot, describe, draw, save_npz
     from bow_sweep.cell.sound import save_wav, sound_of
 
-    short = [f"{name}={getattr(args, name)}" for name in _SHORT if getattr(args, name) is not None]
+    short = [f"{name}={getattr(args, name)}" for name in SHORT if getattr(args, name) is not None]
     try:
         parameters = Parameters.from_settings(embed_files(short + args.settings))
+        ends(parameters)  # a round trip may be too short for a reflection function
         check_sound(args)
         if args.plot is not None:
             check_plot(args.plot)
     except (ParameterError, ValueError) as error:
         return fail(str(error))
+    for note in notes(parameters):
+        warn(f"note: {note}")
     from bow_sim.kernel.block import transient
 
     waveforms = transient(parameters)

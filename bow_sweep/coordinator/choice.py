@@ -77,8 +77,8 @@ def cell_of(sweep: Sweep, at: Sequence[str], cell: int) -> int:
         For a cell that does not exist, a name that is no axis, a missing axis, or a value beyond the map.
     """
     if not at:
-        if not 0 <= cell < sweep.cells:
-            raise ChoiceError(f"cell {cell}: this map has cells 0 ... {sweep.cells - 1}")
+        if not 0 <= cell < sweep.plane_cells:
+            raise ChoiceError(f"cell {cell}: this map has cells 0 ... {sweep.plane_cells - 1}")
         return cell
     try:
         given = parse_settings(at)
@@ -103,8 +103,8 @@ def cell_of(sweep: Sweep, at: Sequence[str], cell: int) -> int:
 
 def values_of(sweep: Sweep, cell: int) -> tuple[float, float]:
     """Return the values of the two parameters at a cell, along x and y."""
-    lanes = sweep.lanes(np.array([cell]))
-    return float(lanes[sweep.x.name][0]), float(lanes[sweep.y.name][0])
+    at = sweep.axis_values(np.array([cell]))
+    return float(at[sweep.x.name][0]), float(at[sweep.y.name][0])
 
 
 def in_words(sweep: Sweep, cell: int) -> str:

@@ -47,15 +47,15 @@ def plan_message(run: Run, state: PlanState, coordinator: str) -> bytes:
 def block_message(run: Run, coordinator: str, simulator: str = "", block: int = 0, attempt: int = 0) -> bytes:
     """Return a Block for the simulator of an incarnation to compute; without `simulator` a hello for all of them."""
     cells = run.blocks.block(block) if simulator else np.zeros(0, np.uint32)
-    lanes = run.sweep.lanes(cells)
+    at = run.sweep.axis_values(cells)
     values = {
         "coordinator": coordinator,
         "simulator": simulator,
         "block": block,
         "attempt": attempt,
         "cells": cells,
-        "x": lanes[run.sweep.x.name],
-        "y": lanes[run.sweep.y.name],
+        "x": at[run.sweep.x.name],
+        "y": at[run.sweep.y.name],
     }
     return cdr.encode("Block", {**_identity(run), **values})
 
@@ -73,13 +73,13 @@ def map_values(run: Run, basin: Basin) -> dict[str, Any]:
         "y_name": run.sweep.y.name,
         "x": run.sweep.x.values(),
         "y": run.sweep.y.values(),
-        "transient_periods": basin.transient_periods,
-        "tests": basin.tested,
+        "transient_periods": basin.of_plane(basin.transient_periods).ravel(),
+        "tests": basin.of_plane(basin.tested).ravel(),
         "regime_names": list(REGIMES),
         "cells_done": accounts["done"],
         "cells_quarantined": accounts["quarantined"],
         "cells_outstanding": accounts["outstanding"],
-        **{name: basin.latest(name) for name in ("regime", "correlation", "slips", "corners")},
+        **{name: basin.of_plane(basin.latest(name)).ravel() for name in ("regime", "correlation", "slips", "corners")},
     }
 
 

@@ -42,8 +42,7 @@ def playability_of(run: Run, basin: Basin) -> dict[str, Any]:
 
     For an adaptive sweep, predicted cells count, but the regimes of black cells are left out: they are not predicted.
     """
-    shape = basin.ny, basin.nx
-    regime = None if run.blocks.adaptive else basin.latest("regime").reshape(shape)
+    regime = None if run.blocks.adaptive else basin.of_plane(basin.latest("regime"))
     return playability(run.transient_periods(basin), regime)
 
 
@@ -96,7 +95,7 @@ def basin_of(layers: Mapping[str, np.ndarray], sweep: Sweep) -> Basin:
     layers
         As :func:`bow_sweep.record.replay.load_verdicts` returns them; {} if there are none.
     """
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks, sweep.repeats.count)
     for test in range(sweep.chunks if layers else 0):
         cells = np.flatnonzero(layers["tested"][test])
         basin.take(test, cells, {name: layers[name][test, cells] for name in basin.layers})

@@ -127,8 +127,8 @@ def _transient(plane: MapFile) -> Layer:
         "transient length",
         (lengths,),
         transient_colours(np.arange(1, longest + 1), plane.periods),
-        0.5,
-        longest + 0.5,
+        1e-4,  # below any transient that there is
+        float(longest),
         BLACK,
         _last(transient_colours(longest, plane.periods)),
         GREY,

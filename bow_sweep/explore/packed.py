@@ -75,11 +75,13 @@ def last_periods(run: RunCells, periods: int, progress: Progress | None = None) 
     def take(chunks: Iterator[tuple[NDArray[np.intp], list[Any]]]) -> None:
         done = run.cells - int(missing.sum())
         for cells, parts in chunks:
-            force[cells], found = _joined(parts, len(cells), samples)
-            for row, cell in enumerate(cells.tolist()):
+            of_all, found = _joined(parts, len(cells), samples)
+            own = cells[cells < run.cells]  # the first ones: cells ascend
+            force[own] = of_all[: len(own)]
+            for row, cell in enumerate(own.tolist()):
                 slips[cell] = found[row]
-            missing[cells] = False
-            done += len(cells)
+            missing[own] = False
+            done += len(own)
             if progress is not None:
                 progress(done, run.cells)
 
@@ -114,12 +116,15 @@ def _recorded(run: RunCells, periods: int, reasons: list[str]) -> Iterator[tuple
     outline = run.bag.outline
     wanted = range(outline.chunks - math.ceil(periods / CHUNK_PERIODS), outline.chunks)
     for block in range(outline.planned.count):
+        cells = np.asarray(outline.block(block), np.intp)
+        if cells[0] >= run.cells:  # repeats, which have the last numbers
+            return
         try:
             streams = [run.bag.streams(block, chunk) for chunk in wanted]
         except CellError as error:
             reasons.append(str(error))
             continue
-        yield np.asarray(outline.block(block), np.intp), [(force["data"], slip) for force, slip in streams]
+        yield cells, [(force["data"], slip) for force, slip in streams]
 
 
 def _computed(run: RunCells, cells: NDArray[np.intp], periods: int) -> Iterator[tuple[NDArray[np.intp], list[Any]]]:

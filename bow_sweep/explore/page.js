@@ -85,8 +85,8 @@ window.bow = {
     const map = bow.maps[run], cell = map ? bow.cell_at(map, x, y) : -1;
     if (cell < 0) return "";
     const [ny, nx] = map.shape;
-    if (what === "x") return bow.number(map.x[cell % nx]) + map.x_unit;
-    if (what === "y") return bow.number(map.y[Math.floor(cell / nx)]) + map.y_unit;
+    if (what === "x") return bow.number(map.x[cell % nx]) + map.x_units[cell % nx];
+    if (what === "y") return bow.number(map.y[Math.floor(cell / nx)]) + map.y_units[Math.floor(cell / nx)];
     const at = (name) => {
       const values = map.layers[name]?.source.data.values;
       return values === undefined ? NaN : values[values.length > 1 ? map.test : 0][cell];
@@ -193,8 +193,8 @@ window.bow = {
     };
     const code = at("regime");
     const words = {
-      x: bow.number(map.x[cell % nx]) + map.x_unit,
-      y: bow.number(map.y[Math.floor(cell / nx)]) + map.y_unit,
+      x: bow.number(map.x[cell % nx]) + map.x_units[cell % nx],
+      y: bow.number(map.y[Math.floor(cell / nx)]) + map.y_units[Math.floor(cell / nx)],
       regime: map.regime_names[code] ?? (map.predicted?.[cell] ? "not simulated in this run, predicted" : "not computed"),
       colour: map.regime_colours[code] ?? "#969696",
       confidence: Number.isFinite(at("confidence")) ? ` (confidence ${at("confidence").toFixed(2)})` : "",

@@ -32,7 +32,7 @@ from bow_sweep.explore.pairs import differences, nearest_cells, same_plane
 from bow_sweep.explore.samples import FLOOR_DB
 from bow_sweep.figures.colours import regime_colours
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, PlotAxis
-from bow_sweep.maps.held_fixed import unit_of
+from bow_sweep.maps.held_fixed import axis_units
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import MODEL_NAMES, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
@@ -250,7 +250,7 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
             "unit": f" ({layer.unit})" if layer.unit else "",
             "legends": [plots.legend_html(entries) for entries in layer.legends],
         }
-    units = [f" {unit}" if (unit := unit_of(axis.name)) else "" for axis in plane.axes]
+    units = axis_units(plane)
     script: dict[str, Any] = {
         "layers": known,
         "shown": shown,
@@ -265,8 +265,8 @@ def _panel(run: Shown, letter: str, layers: list[Layer]) -> Panel:
         "test_periods": [int(periods) for periods in plane.test_periods],
         "x": plane.x,
         "y": plane.y,
-        "x_unit": units[0],
-        "y_unit": units[1],
+        "x_units": units[0],
+        "y_units": units[1],
         "predicted": None if plane.simulated is None else (~plane.simulated).astype(np.uint8).ravel(),
         "regime_names": regime_names(plane),
         "regime_colours": [hex_colour(colour) for colour in regime_colours(plane.regime_names)],

@@ -17,6 +17,8 @@ from bokeh.plotting import figure
 
 from bow_sweep.explore.layers import Entry, Layer, hex_colour
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, PlotAxis
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import Plane
 
 BLUE, MUTED, ORANGE, GRID = "#1f4e79", "#777777", "#d55e00", "#e8e8e8"
@@ -66,6 +68,13 @@ def map_figure(
     made.min_height = 250 if short else 300
     made.grid.visible = False
     image = made.image("image", source=shown, x=0, y=0, dw=nx, dh=ny, color_mapper=colours)
+    for each in drawn(plane):
+        for run in each.runs:
+            for colour, width in (("black", 3.5), ("white", 1.5)):
+                made.line(*run.T, line_color=colour, line_width=width)
+        x, y = each.label
+        words = {"text_align": "center", "text_baseline": "middle", "text_font_size": "12px", "padding": 3}
+        made.text([x], [y], [LABELS[each.limit.name]], text_color="white", background_fill_color="#222222", **words)
     for colour, width in (("black", 4), ("white", 2)):
         made.scatter(
             "x", "y", source=marker, marker="square", size=13, fill_alpha=0, line_color=colour, line_width=width

@@ -38,8 +38,10 @@ REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
     "raman_higher": (213, 94, 0),
     "anomalous_low_frequency": (0, 114, 178),
     "subharmonic": (120, 94, 240),
+    "wolf": (220, 38, 127),
 }
-"""Okabe and Ito's colours, which colour-blind people can distinguish. Other regimes have `SPARE_COLOURS`."""
+"""Okabe and Ito's colours, which colour-blind people can distinguish; that of wolves is IBM's magenta. Other regimes
+have `SPARE_COLOURS`."""
 
 TERRAIN_COLOURS = ((0, 0, 0), (0, 158, 115), (86, 180, 233), (213, 94, 0), (240, 228, 66))
 """Okabe and Ito's colours for `bow_sweep.maps.terrain.TERRAINS`, in their order: green is safe, blue uneven, orange and

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rcParams
@@ -11,12 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import PcolorImage
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import transient_colours
 from bow_sweep.maps.held_fixed import gesture_of, held_fixed, string_of
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import Plane
 
 UNIT_DPI = 200
@@ -120,6 +124,31 @@ def label(ax: Axes, plane: Plane, x: str = "", y: str = "") -> None:
             write(title if kind == "full" else title.partition("  ")[2].partition("  (")[0] or title)
 
 
+def draw_limits(ax: Axes, plane: Plane, labels: bool = True) -> None:
+    """Draw the limits of theory over a map as lines, white within black so that they are seen on every colour."""
+    outline = [withStroke(linewidth=3.2, foreground="black")]
+    for each in drawn(plane):
+        dashes: Literal["-", "--"] = "--" if each.limit.name in DASHED else "-"
+        for run in each.runs:
+            ax.add_line(Line2D(*run.T, color="white", linewidth=1.4, linestyle=dashes, path_effects=outline))
+        if labels:
+            words, (x, y) = LABELS[each.limit.name], each.label
+            ax.text(
+                x,
+                y,
+                words,
+                color="white",
+                fontsize=8,
+                fontweight="bold",
+                ha="center",
+                va="center",
+                path_effects=outline,
+            )
+
+
+DASHED = ("schelleng_min", "guettler_high")
+"""Limits whose lines are broken, so that two of them are told apart without their labels."""
+
 MADE_LETTERS = 115
 """Letters in a line below the title of a map."""
 
@@ -134,6 +163,8 @@ def titles(plane: Plane) -> tuple[str, list[str]]:
         made.insert(1, gesture)
     if "adaptive" in plane.values:
         made.append(f"{percent(float(plane.values['adaptive']))} simulated at most, the rest predicted")
+    if "repeats" in plane.values:
+        made.append(f"{plane.values['repeats']} repeats of each")
     rest = [each for each in held if each.name != "v_mid"]
     widths = [*map(len, made), *(len(each.line()) for each in rest)]
     lines, used = [made[0]], widths[0]

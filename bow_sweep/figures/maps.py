@@ -13,7 +13,19 @@ from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours, viridis
-from bow_sweep.figures.layout import Layout, cell_pixels, label, lengths_of, paint, percent, titles
+from bow_sweep.figures.layout import (
+    MADE_LETTERS,
+    Layout,
+    cell_pixels,
+    draw_limits,
+    label,
+    lengths_of,
+    paint,
+    percent,
+    titles,
+)
+from bow_sweep.figures.reliability import draw_reliability
+from bow_sweep.maps.limit_lines import limit_lines
 from bow_sweep.maps.map_file import MapFile, MapFileError
 from bow_sweep.maps.plane import (
     NEVER,
@@ -23,6 +35,7 @@ from bow_sweep.maps.plane import (
     WANTED,
     Plane,
 )
+from bow_sweep.maps.reliability import Reliability
 
 MAP_PIXELS = (1280, 640)
 """Size of the map in the main picture: 6.4 by 3.2 inches, two to one as in the paper."""
@@ -45,14 +58,20 @@ PANELS = {
 
 
 def map_figure(plane: Plane, dpi: float) -> Figure:
-    """Return the main picture: the map of transient lengths, a histogram of them, and the regimes at the last test."""
+    """Return the main picture: the map of transient lengths, a histogram of them, and the regimes at the last test.
+
+    A map with repeats has its reliability below.
+    """
     with style():
         width, height = cell_pixels(plane, MAP_PIXELS, dpi)
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
         title, made = titles(plane)
+        made += limit_lines(plane, MADE_LETTERS)
         left, top = 155, 116 + LINE_PITCH * len(made)
         below = top + height + 180
-        layout = Layout(left + width + 420, below + small[1] + 125, dpi)
+        repeated: Reliability | None = getattr(plane, "reliability", None)
+        lower = small[1] + 160 if repeated is not None else 0
+        layout = Layout(left + width + 420, below + small[1] + 125 + lower, dpi)
         layout.text(left, 62, title, fontsize=13, fontweight="bold")
         for number, line in enumerate(made):
             layout.text(left, 112 + number * LINE_PITCH, line, color=MUTED)
@@ -61,13 +80,17 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
         ax = layout.axes(left, top, width, height)
         paint(ax, plane, transient_colours(plane.transient_periods, plane.periods))
         label(ax, plane, "full", "full")
+        draw_limits(ax, plane)
         _scale_with_counts(layout, plane, left + width + 36, top, height)
 
         ax = layout.axes(left, below, *small)
         paint(ax, plane, regime_picture(plane))
         ax.set_title("Regime at the last test", loc="left", fontsize=9)
+        draw_limits(ax, plane, labels=False)
         label(ax, plane, "symbol", "symbol")
         _regime_legend(layout, plane, left + small[0] + 50, below)
+        if repeated is not None:
+            draw_reliability(layout, plane, repeated, left, below + lower, *small)
         if plane.run_id:
             where = f"run {plane.run_id}  \u00b7  sweep {plane.sweep_id}"
             layout.text(layout.width - 40, layout.height - 20, where, fontsize=5.5, color="0.5", ha="right")
@@ -91,7 +114,8 @@ def _scale_with_counts(layout: Layout, plane: Plane, left: float, top: float, he
     tall = height - len(extras) * (box + gap)
     bar = layout.length_bar(plane, left, top, 44, tall)
     lengths = lengths_of(plane)
-    counts = np.array([(plane.transient_periods == length).sum() for length in lengths])
+    tests = np.ceil(plane.transient_periods / CHUNK_PERIODS) * CHUNK_PERIODS  # Guettler's transient has any length
+    counts = np.array([(tests == length).sum() for length in lengths])
     beside = layout.axes(left + 172, top, 170, tall)
     colours = transient_colours(lengths, plane.periods) / 255
     beside.barh(lengths, counts, CHUNK_PERIODS, color=colours, edgecolor="0.4", linewidth=0.2)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, Quantity
 from bow_sim.physics.parameters import FIELDS
 
@@ -24,6 +25,8 @@ TITLES = {
     "torsion_width": "width of torsional reflections",
     "corner_width": "width of the reflections",
     "bridge_w_c": "corner of Cremer's bridge K/R",
+    "bow_acceleration": "acceleration of the bow",
+    "beta": "position of the bow over length",
 }
 """Titles of axes; other parameters have the first words of their own description as title."""
 
@@ -34,6 +37,7 @@ SYMBOLS = {
     "tau_f": r"$\tau_f$",
     "stiffness_b": r"$B$",
     "bow_bridge": r"$\beta N$",
+    "beta": r"$\beta$",
 }
 """The paper's symbols, in Matplotlib's mathematics."""
 
@@ -153,7 +157,9 @@ class PlotAxis:
 
 
 def _si(name: str) -> Quantity:
-    """Return what a setting in SI units is; of an unknown one only the name."""
+    """Return what a setting in SI units, or of one mode of a body, is; of an unknown one only the name."""
+    if mode := mode_unit(name):
+        return Quantity(name, *mode, (), lambda x, _: x)
     return SI.get(name) or Quantity(name, "", name, (), lambda x, _: x)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
-from bow_sim.physics.instruments import SI
-from bow_sim.physics.parameters import FIELDS
+from bow_sim.physics.body import mode_unit
+from bow_sim.physics.instruments import SI, in_si
+from bow_sim.physics.parameters import FIELDS, FLOATS
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, SYMBOLS
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
 
@@ -19,11 +21,25 @@ GESTURE_SETTINGS = {
 }
 """The settings that each gesture uses (sections II.A and III.C, PHYSICS.md 14); one has its name in older maps."""
 
+LAW_SETTINGS = {
+    "hyperbola": ("v_mid", "mu_s", "mu_d"),
+    "coulomb": ("mu_s", "mu_d"),
+    "curve": ("mu_s", "mu_d"),
+    "thermal": ("mu_s",),
+}
+"""The settings that each friction law uses, of those that another one does not."""
+
 ALWAYS = ("v_mid", "bow_bridge", "mu_s", "mu_d", "v_b", "y_t")
 """Settings that every caption names, because every map depends on them; v_b and y_t are the units of the others."""
 
-ELSEWHERE = ("model", "gesture", "periods", "dtype", "period", "bow_offset")
+ELSEWHERE = ("model", "gesture", "periods", "dtype", "period", "bow_offset", "v_unit", "string_length")
 """Settings that a caption has in other words, or that change no map."""
+
+ALSO_MOVES = {"bow_acceleration": {"sample_rate"}, "v_0": {"v_b"}, "bow_distance": {"string_length"}}
+"""Settings beside the units themselves on which a value in SI units depends."""
+
+SYSTEM = {"y_t", "z_0", "v_unit"}
+"""The settings that tie the paper's units to SI units."""
 
 UNITS = {"f_asym": "v_b/Y_T", "f_init_ratio": "", "v_b": "", "y_t": ""}
 """Units where those of the parameters would be no help: v_b and y_t are numbers by definition of the units."""
@@ -44,17 +60,21 @@ MATHEMATICS = {
 
 
 class Held(NamedTuple):
-    """A setting that all cells share: its `name`, its value as `text`, and its `unit` ("" for a number)."""
+    """A setting that all cells share: its `name`, its value as `text`, its `unit` ("" for a number).
+
+    `beside` is the same in the other system of units, as text; "" where there is none.
+    """
 
     name: str
     text: str
     unit: str
+    beside: str = ""
 
     def line(self, mathematics: bool = False) -> str:
         """Return "symbol = value unit"; `mathematics` writes symbols for Matplotlib."""
         unit = self.unit.replace("v_b", r"$v_b$").replace("Y_T", r"$Y_T$") if mathematics else self.unit
         text = self.text.replace("-", "\N{MINUS SIGN}") if mathematics else self.text
-        return f"{self.symbol(mathematics)} = {text} {unit}".rstrip()
+        return f"{self.symbol(mathematics)} = {text} {unit}".rstrip() + f" ({self.beside})" * bool(self.beside)
 
     def symbol(self, mathematics: bool = False) -> str:
         """Return the symbol of the setting; `mathematics` writes it for Matplotlib."""
@@ -68,9 +88,14 @@ def held_fixed(plane: Plane) -> list[Held]:
     file without settings has none.
     """
     given = plane.values
-    axes = {same for name in (plane.x_name, plane.y_name) for same in (name, SI[name].same if name in SI else name)}
+    axes = moving(plane)
     gesture = GESTURE_SETTINGS.get(given.get("gesture", "exponential"), ())
-    if "f_init_ratio" not in axes and _short(given.get("f_init_ratio", "")) == "1":
+    law = LAW_SETTINGS.get(given.get("friction", "hyperbola"), ())
+    unused = {name for names in LAW_SETTINGS.values() for name in names} - {*law} if law else set()
+    sustained = "sustained" in axes or _short(given.get("sustained", "0")) != "0"
+    if sustained:
+        gesture = ("sustained", *(name for name in gesture if name != "f_init_ratio"))
+    elif "f_init_ratio" not in axes and _short(given.get("f_init_ratio", "")) == "1":
         # a force that does not change has no time constant
         gesture = tuple(name for name in gesture if name != "tau_f")
     unusual = [
@@ -79,16 +104,77 @@ def held_fixed(plane: Plane) -> list[Held]:
         if name in given and name not in ELSEWHERE and _short(given[name]) != _short(str(known.default))
     ]
     wanted = dict.fromkeys([*gesture, *ALWAYS, *unusual])
-    return [_held(name, given) for name in wanted if name in given and name not in axes]
+    others = _Beside(plane)
+    return [
+        _held(name, given, others(name, given[name]))
+        for name in wanted
+        if name in given and name not in axes and name not in unused
+    ]
 
 
-def _held(name: str, given: dict[str, str]) -> Held:
+def moving(plane: Plane) -> set[str]:
+    """Return the parameters that differ between the cells of a map, in both systems of units."""
+    return _both_names((plane.x_name, plane.y_name))
+
+
+def _both_names(axes: Iterable[str]) -> set[str]:
+    both = {same for name in axes for same in (name, SI[name].same if name in SI else name)}
+    return both | {"string_length"} if "semitone" in both else both  # a stopped string is shorter
+
+
+def _held(name: str, given: dict[str, str], beside: str) -> Held:
     if name == "bow_bridge" and "period" in given:
         trip = float(given[name]) + float(given.get("bow_offset", 0))
-        return Held(name, f"{trip:g}/{_short(given['period'])}", "")
-    if name.endswith("_function"):
+        return Held(name, f"{trip:g}/{_short(given['period'])}", "", beside)
+    if name.endswith("_function") or name in ("body_modes", "friction_curve"):
         return Held(name, "own", "")
-    return Held(name, _short(given[name]), unit_of(name))
+    return Held(name, _short(given[name]), unit_of(name), beside)
+
+
+def beside(name: str, value: float, values: Mapping[str, Any]) -> str:
+    """Return a value in the other system of units, as "0.31 N" or "f_asym 4.4 v_b/Y_T"; "" where there is none.
+
+    Parameters
+    ----------
+    name, value
+        A parameter of the paper or a setting in SI units, and its value.
+    values
+        The parameters of the cell in the paper's units, by name.
+    """
+    if not (values["z_0"] and values["v_unit"]):
+        return ""
+    if name == "semitone":
+        return f"{SI[name].convert(value, values) / values['period']:.4g} Hz"
+    if name in ("beta", "bow_bridge"):
+        share = value if name == "beta" else (value + values["bow_offset"]) / values["period"]
+        return f"{1000 * share * values['string_length']:.3g} mm" if values["string_length"] else ""
+    if name == "bow_distance":
+        return f"beta {SI[name].convert(value, values) / values['period']:.4g}"
+    if name in SI:
+        same = SI[name].same
+        return f"{CLOSE.get(same, same)} {SI[name].convert(value, values):.4g} {unit_of(same)}".rstrip()
+    for quantity in SI.values():
+        if quantity.same == name and quantity.back is not None:
+            return f"{quantity.back(value, values):.4g} {quantity.unit}"
+    return ""
+
+
+class _Beside:
+    """Values of a map's parameters in the other system of units; "" where that differs from cell to cell."""
+
+    def __init__(self, plane: Plane) -> None:
+        given = plane.values
+        self.moving = moving(plane)
+        numbers = FLOATS | {"bow_bridge", "period"}
+        self.values: dict[str, Any] = {name: FIELDS[name].default for name in numbers}
+        self.values |= {name: float(given[name]) for name in numbers & given.keys()}
+
+    def __call__(self, name: str, value: str | float) -> str:
+        ways = [other for other in SI if name in (other, SI[other].same)]
+        needs = SYSTEM.union(*(ALSO_MOVES.get(other, set()) for other in ways))
+        if not ways or needs & self.moving - {name, *(SI[other].same for other in ways)}:
+            return ""
+        return beside(name, float(value), self.values)
 
 
 def unit_of(name: str) -> str:
@@ -97,13 +183,53 @@ def unit_of(name: str) -> str:
         return UNITS[name]
     if name in SI:
         return SI[name].unit
+    if mode := mode_unit(name):
+        return mode[0]
     return str(FIELDS[name].metadata["unit"] or "") if name in FIELDS else ""
 
 
 def cell_names(plane: Plane) -> list[str]:
-    """Return the two parameters of every cell with values and units as text, in the order of the cells."""
-    x, y = ([_named(axis.name, value) for value in axis.values.tolist()] for axis in plane.axes)
+    """Return the two parameters of every cell with values and units as text, in the order of the cells.
+
+    Where a speed and an impedance in SI units are known, each value stands in both systems.
+    """
+    x, y = (
+        [
+            f"{CLOSE.get(axis.name, axis.name)} {value:.4g}{unit}"
+            for value, unit in zip(axis.values.tolist(), units, strict=True)
+        ]
+        for axis, units in zip(plane.axes, axis_units(plane), strict=True)
+    )
     return [f"{along}, {up}" for up in y for along in x]
+
+
+def axis_units(plane: Plane) -> tuple[list[str], list[str]]:
+    """Return what follows each value of the two axes: its unit, and the same in the other system, as text."""
+    others = _Beside(plane)
+    made = []
+    for axis in plane.axes:
+        unit = f" {unit_of(axis.name)}".rstrip()
+        same = [others(axis.name, value) for value in axis.values.tolist()]
+        made.append([f"{unit} ({other})" if other else unit for other in same])
+    return made[0], made[1]
+
+
+def common_in_si(values: Mapping[str, Any], axes: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return what all cells of a sweep share in SI units: name -> ``{"value": number, "unit": text}``.
+
+    Parameters
+    ----------
+    values
+        The parameters that all cells share, by name.
+    axes
+        Names of the two axes.
+    """
+    moved = _both_names(axes)
+    return {
+        name: {"value": value, "unit": SI[name].unit}
+        for name, value in in_si(values).items()
+        if not {name, SI[name].same, *SYSTEM, *ALSO_MOVES.get(name, ())} & moved
+    }
 
 
 def cell_name(plane: Plane, cell: int) -> str:

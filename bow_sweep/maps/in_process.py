@@ -9,8 +9,9 @@ from threading import Event
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bow_classifier.block_classifier import BlockClassifier, Geometry, Verdicts
+from bow_classifier.block_classifier import Verdicts
 from bow_classifier.features.slips import Intervals
+from bow_classifier.task import classifier_of
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.cells import paper_lanes
@@ -29,7 +30,15 @@ def intervals_of(chunk: ChunkResult) -> Intervals:
 def verdicts(
     parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
 ) -> Iterator[Verdicts]:
-    """Simulate cells and yield the verdicts after every five periods.
+    """Simulate cells and yield the verdicts after every five periods; see :func:`judged_chunks`."""
+    for _, verdict in judged_chunks(parameters, lanes, thresholds):
+        yield verdict
+
+
+def judged_chunks(
+    parameters: Parameters, lanes: Mapping[str, ArrayLike], thresholds: Thresholds | None = None
+) -> Iterator[tuple[ChunkResult, Verdicts]]:
+    """Simulate cells and yield each chunk with the verdicts on it.
 
     Parameters
     ----------
@@ -48,12 +57,14 @@ def verdicts(
     block = Block(parameters, lanes)
     cells = len(np.asarray(next(iter(lanes.values()))))
     in_paper_units = paper_lanes(parameters, lanes)
-    speed = in_paper_units.get("v_b", parameters.v_b)
-    position = in_paper_units.get("bow_bridge", parameters.bow_bridge)
-    classifier = BlockClassifier(Geometry.of(parameters), thresholds or Thresholds(), cells, speed, position)
+    values = {
+        name: np.broadcast_to(np.asarray(in_paper_units.get(name, getattr(parameters, name)), np.float64), (cells,))
+        for name in ("v_b", "bow_bridge", "acceleration")
+    }
+    classifier = classifier_of(parameters, thresholds or Thresholds(), values)
     for _ in range(parameters.chunks):
         chunk = block.advance()
-        yield classifier.classify(chunk.bridge_force, intervals_of(chunk))
+        yield chunk, classifier.classify(chunk.bridge_force, intervals_of(chunk))
 
 
 def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None, workers: int = 1) -> Basin:
@@ -67,7 +78,7 @@ def compute(sweep: Sweep, progress: Callable[[float, float], None] | None = None
         Number of blocks that are computed at a time, each by a thread: kernel and classifier run without Python's lock.
         The verdicts do not depend on it.
     """
-    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks)
+    basin = Basin(sweep.x.count, sweep.y.count, sweep.chunks, sweep.repeats.count)
     done, blocks = 0, sweep.first_blocks
     stop = Event()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,9 @@ import numpy as np
 from bow_sim.atomic_files import read_arrays, replacing
 from bow_sim.physics.parameters import CHUNK_PERIODS, FIELDS
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
+from bow_sweep.maps.limits import limit_arrays
 from bow_sweep.maps.plane import Plane
+from bow_sweep.maps.reliability import Reliability
 
 if TYPE_CHECKING:
     from bow_sweep.maps.basin_map import Basin
@@ -22,8 +24,11 @@ MAP = "map.npz"
 
 _KINDS: dict[str, Any] = {name: field.kind for name, field in VERDICT_FIELDS.items()}
 
-HISTORY = {"regimes": _KINDS.pop("regime"), "confidence": _KINDS.pop("confidence")}
+HISTORY = {"regimes": _KINDS.pop("regime")} | {name: _KINDS.pop(name) for name in ("confidence", "beat", "transient")}
 """Name -> type of the arrays with a value for every test of every cell that older files do not have."""
+
+RARE = ("beat", "transient")
+"""Those of `HISTORY` that a file has only where a cell has a value: of a wolf, and of Guettler's gesture."""
 
 TESTS = {**_KINDS, "helmholtz": np.bool_}
 """Name -> type of the arrays with a value for every test of every cell that every file has."""
@@ -58,9 +63,15 @@ class MapFile(Plane):
         (tests, ny, nx) uint8: `regime` at every test; None in older files.
     confidence
         (tests, ny, nx) float32: probability that the regime is right; NaN = no verdict; None in older files.
+    beat
+        (tests, ny, nx) float32, periods: the beat of wolves; NaN = none; None where there is none in the whole map.
+    transient
+        (tests, ny, nx) float32, periods: Guettler's transient so far, 0 = none yet; None for other gestures.
     simulated
         (ny, nx) bool: which cells of an adaptive sweep were simulated; in the others `transient_periods` is predicted,
         or NaN where a block was given up. None for an exhaustive sweep.
+    reliability
+        What the repeats of the cells end as; None for a sweep without repeats.
     """
 
     test_periods: np.ndarray
@@ -72,6 +83,9 @@ class MapFile(Plane):
     simulated: np.ndarray | None = None
     regimes: np.ndarray | None = None
     confidence: np.ndarray | None = None
+    reliability: Reliability | None = None
+    beat: np.ndarray | None = None
+    transient: np.ndarray | None = None
 
     @property
     def regressions(self) -> np.ndarray:
@@ -108,16 +122,16 @@ class MapFile(Plane):
         Parameters
         ----------
         not_computed
-            (ny * nx,) bool: cells that are not done (quarantined or outstanding), even where some verdicts are known.
+            (cells,) bool: cells that are not done (quarantined or outstanding), even where some verdicts are known.
         """
         from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 
-        shape = (basin.ny, basin.nx)
         regimes = basin.layers["regime"]
         layers = {**basin.layers, "helmholtz": is_helmholtz(regimes), "regimes": regimes}
         length, regime = basin.transient_periods.copy(), basin.latest("regime").copy()
         if not_computed is not None:
             length[not_computed], regime[not_computed] = np.nan, PENDING
+        done = basin.tested == basin.tests if not_computed is None else ~not_computed
         return cls(
             run_id=run_id,
             sweep_id=sweep.sweep_id,
@@ -125,14 +139,20 @@ class MapFile(Plane):
             y_name=sweep.y.name,
             x=sweep.x.values(),
             y=sweep.y.values(),
-            transient_periods=length.reshape(shape),
-            regime=regime.reshape(shape),
+            transient_periods=basin.of_plane(length),
+            regime=basin.of_plane(regime),
             regime_names=tuple(REGIMES),
             settings=sweep.settings(),
             preset=sweep.preset,
             test_periods=np.arange(1, basin.tests + 1) * CHUNK_PERIODS,
-            **{name: layers[name].reshape(basin.tests, *shape) for name in (*TESTS, *HISTORY)},
+            **of_all_tests({name: basin.of_plane(layers[name]) for name in (*TESTS, *HISTORY)}),
+            reliability=Reliability.of_basin(basin, done),
         )
+
+
+def of_all_tests(layers: dict[str, Any]) -> dict[str, Any]:
+    """Return the arrays of all tests without those of `RARE` in which no cell has a value: they are None."""
+    return layers | {name: None for name in RARE if np.isnan(layers[name]).all()}
 
 
 def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
@@ -141,7 +161,8 @@ def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
     The axes are stored under the names of their parameters (``f_asym`` (nx), ``f_init_ratio`` (ny) by default); then
     `transient_periods`, `regime` and those of `DERIVED` (ny, nx), `regime_names`, those of `TESTS` and `HISTORY`
     (tests, ny, nx), `test_periods` (tests), `settings`, the names of `TEXTS`; for an adaptive sweep `simulated` (ny,
-    nx).
+    nx); for one with repeats those of :class:`~bow_sweep.maps.reliability.Reliability`; and the curves of
+    :func:`bow_sweep.maps.limits.limit_arrays`.
 
     Raises
     ------
@@ -169,10 +190,11 @@ def map_arrays(result: MapFile) -> dict[str, np.ndarray]:
         if arrays[name].shape != shape:
             raise MapFileError(f"{name}: shape {arrays[name].shape}, should be {shape}")
     arrays |= {name: getattr(result, name) for name in DERIVED}
+    arrays |= result.reliability.arrays() if result.reliability is not None else {}
     for name, values in ((result.x_name, result.x), (result.y_name, result.y)):
         # `period` is both a parameter and a test; such an axis is stored as axis_period
         arrays[f"axis_{name}" if name in arrays else name] = np.asarray(values, float)
-    return arrays
+    return arrays | limit_arrays(result)
 
 
 def write_map_npz(path: str | Path, result: MapFile) -> None:
@@ -212,7 +234,10 @@ def read_map_npz(path: str | Path) -> MapFile:
     values |= {name: arrays.get(name) for name in ("simulated", *HISTORY)}
     result = MapFile(**values)
     _check_arrays(path, result)
-    return result
+    try:
+        return replace(result, reliability=Reliability.in_file(arrays, result.shape))
+    except ValueError as error:
+        raise MapFileError(f"{path}: {error}") from None
 
 
 def _check_arrays(path: str | Path, result: MapFile) -> None:

@@ -156,8 +156,10 @@ def quartiles(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     Parameters
     ----------
     lengths
-        (transients,) multiples of five periods; one or more.
+        (transients,) one or more; multiples of five periods, or Guettler's transients, which are taken as they are.
     """
+    if np.any(lengths % CHUNK_PERIODS):
+        return np.asarray(np.percentile(lengths, (25, 50, 75)))
     ordered = np.sort(lengths)
     _, first, counts = np.unique(ordered, return_index=True, return_counts=True)
     place = (np.arange(len(ordered)) - np.repeat(first, counts) + 0.5) / np.repeat(counts, counts)

@@ -2,5 +2,6 @@
 
 sweep     a sweep: which cells, in which blocks, with which parameters
 presets   named sweeps in config/presets
+preset_files  preset files of a user, and their JSON Schema
 adaptive  which cells to simulate next, and how the others are predicted
 """

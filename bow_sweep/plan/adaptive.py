@@ -149,10 +149,10 @@ def fill(transient_periods: NDArray[np.floating]) -> NDArray[np.float32]:
 def _around(transient_periods: NDArray[np.floating], weights: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return weighted sums over the known cells near each, (4, ny, nx): 1, coloured, length, length squared.
 
-    Lengths are in test intervals.
+    Lengths are in test intervals, rounded up: Guettler's transient is no whole number of them, and never 0.
     """
     known = ~np.isnan(transient_periods)
-    tests = np.rint(np.where(known, transient_periods, 0) / CHUNK_PERIODS).astype(np.int64)
+    tests = np.ceil(np.where(known, transient_periods, 0) / CHUNK_PERIODS).astype(np.int64)
     layers = np.stack([known, tests > 0, tests, tests**2]).astype(np.int64)
     radius, (ny, nx) = len(weights) // 2, known.shape
     padded = np.pad(layers, ((0, 0), (radius, radius), (radius, radius)))

@@ -51,9 +51,20 @@ def load_preset(name: str) -> dict[str, Any]:
     files = _files()
     if name not in files:  # never a path: the name may come over the network
         raise ParameterError(f"preset {name!r}: no such preset; one of {', '.join(files)}")
-    settings = _flatten(_read(files[name]))
+    settings = read_preset(files[name])
     settings.pop("title", None)
     return settings
+
+
+def read_preset(path: Path) -> dict[str, Any]:
+    """Return the settings of a preset file and its title; groups such as ``x: {count: 8}`` become ``x.count``.
+
+    Raises
+    ------
+    ParameterError
+        Where it cannot be read.
+    """
+    return _flatten(_read(path))
 
 
 def _files() -> dict[str, Path]:

@@ -17,11 +17,14 @@ import numpy as np
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.instruments import overridden
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
-from bow_sim.protocol.sweep_spec import Axis, check_plane, split
+from bow_sim.protocol.repeats import NO_REPEATS, Repeats
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
 from bow_sweep.plan.presets import load_preset
 
@@ -73,6 +76,8 @@ class Sweep:
         Name of the preset that the settings began from; "" for none.
     adaptive
         Largest share of the cells to simulate; 1 = all cells, planned at once.
+    repeats
+        How the cells are repeated.
     """
 
     parameters: Parameters
@@ -82,6 +87,7 @@ class Sweep:
     thresholds: Thresholds = field(default_factory=Thresholds)
     preset: str = ""
     adaptive: float = 1.0
+    repeats: Repeats = NO_REPEATS
 
     @classmethod
     def from_spec(cls, preset: str = "", settings: Iterable[str] = ()) -> Sweep:
@@ -93,7 +99,7 @@ class Sweep:
             For a sweep that cannot be computed; names the setting, its value and what would be right.
         """
         given = parse_settings(settings)
-        spec = split({**(load_preset(preset) if preset else {}), **given})
+        spec = split({**(overridden(load_preset(preset), given) if preset else {}), **given})
         x, y = Axis.of("x", spec.x, X_AXIS), Axis.of("y", spec.y, Y_AXIS)
         thresholds = Thresholds.from_mapping(spec.classifier)
         for axis, key in ((x, "x"), (y, "y")):
@@ -103,13 +109,16 @@ class Sweep:
         common = {name: value for name, value in spec.plain.items() if name not in (x.name, y.name)}
         parameters = replace(spec, plain=common).parameters()
         check_plane(parameters, x, y)
-        adaptive = spec.share("adaptive", cls.adaptive)
+        check_axes(parameters, (x.name, y.name))
+        check_strings(parameters, x, y)
+        adaptive, repeats = spec.share("adaptive", cls.adaptive), Repeats.of(spec)
+        repeats.check(parameters, x, y)
         if spec.block_cells is None:
-            block_cells = default_block_cells(x.count * y.count, adaptive, parameters.chunk_samples)
+            block_cells = default_block_cells(repeats.cells(x.count * y.count), adaptive, parameters.chunk_samples)
         else:
             block_cells = spec.number("", "block_cells")
-        check_size(x.count, y.count, block_cells, parameters)
-        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive)
+        check_size(x.count, y.count, block_cells, parameters, repeats.count)
+        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats)
 
     def settings(self) -> tuple[str, ...]:
         """Return every setting as "name=value", sorted; :meth:`from_spec` makes the same sweep of them."""
@@ -117,6 +126,7 @@ class Sweep:
         own["block_cells"] = self.block_cells
         if self.adaptive < 1:
             own["adaptive"] = self.adaptive
+        own |= self.repeats.settings()
         swept = (self.x.name + "=", self.y.name + "=")
         lines = [f"{key}={value}" for key, value in own.items()]
         lines += [line for line in self.parameters.settings() if not line.startswith(swept)]
@@ -137,8 +147,18 @@ class Sweep:
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What is allowed in the settings, but perhaps not meant: a line for each."""
+        return notes_of_map(self.parameters, self.x, self.y)
+
+    @property
     def cells(self) -> int:
-        """Number of cells; the index of a cell is iy * nx + ix."""
+        """Number of cells to simulate, repeats included; their numbers are 0 ... cells - 1."""
+        return self.repeats.cells(self.plane_cells)
+
+    @property
+    def plane_cells(self) -> int:
+        """Number of cells of the plane; the index of a cell is iy * nx + ix."""
         return self.x.count * self.y.count
 
     @property
@@ -188,6 +208,12 @@ class Sweep:
         return self.first_blocks.block(block)
 
     def lanes(self, cells: np.ndarray) -> dict[str, np.ndarray]:
+        """Return what differs between `cells`, by name, (cells,) each.
+
+        These are the two swept parameters; with repeats also the bow force and its ratio, all in the paper's units.
+        """
+        return self.repeats.vary(self.parameters, self.axis_values(cells), cells, self.plane_cells)
+
+    def axis_values(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of the two swept parameters at `cells`: {x.name: (cells,), y.name: (cells,)}."""
-        iy, ix = np.divmod(cells.astype(np.int64), self.x.count)
-        return {self.x.name: self.x.values()[ix], self.y.name: self.y.values()[iy]}
+        return axis_values(self.x, self.y, cells)

@@ -219,6 +219,9 @@ def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: 
     while True:
         graph.spin(0.05)
         interrupts.check()
+        for line in [text for text, new in seen.news.items() if new]:
+            seen.news[line] = False
+            display.print_line(line)
         for exit_ in supervisor.exited():
             child = exit_.child
             if child.role == "coordinator":
@@ -242,9 +245,6 @@ def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: 
             supervisor.release(("simulator", "classifier"))
         if seen.failed:
             raise GraphError(seen.failed)
-        for line in [text for text, new in seen.news.items() if new]:
-            seen.news[line] = False
-            display.print_line(line)
         if problem := supervisor.screen.problem():
             display.print_line(problem)
         display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())

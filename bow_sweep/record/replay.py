@@ -17,13 +17,15 @@ import numpy as np
 
 from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
-from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_classifier.verdict.regimes import REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.atomic_files import replacing
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+from bow_sweep.maps.basin_map import transient_lengths
+from bow_sweep.maps.reliability import Reliability
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
 from bow_sweep.record.mcap_reader import Scan
@@ -160,7 +162,8 @@ def replay(
     dict
         For JSON. ``ok``; ``classifier`` and ``recorded_classifier``, hashes; ``chunks`` classified, ``equal`` of them
         as recorded; ``differing``, the first chunks that are not; ``cells``, ``helmholtz_fraction``, ``regimes`` at the
-        latest test; ``file``, the new verdict set, or None where the thresholds are those of the run.
+        latest test; ``repeats``, what they say, where there are some; ``file``, the new verdict set, or None where
+        the thresholds are those of the run.
         ``ok`` means that every recorded chunk was classified and, with the thresholds of the run, as recorded.
 
     Raises
@@ -212,20 +215,24 @@ def replay(
         "chunks": count,
         "equal": equal,
         "differing": sorted(unlike, key=lambda one: (one["block"], one["chunk"]))[:20],
-        **_summary(layers),
+        **_summary(layers, task.outline),
         "file": str(file) if file else None,
     }
 
 
-def _summary(layers: dict[str, np.ndarray]) -> dict[str, Any]:
-    passed = (is_helmholtz(layers["regime"]) & layers["tested"]).any(axis=0)
-    tests = layers["tested"].sum(axis=0)
-    latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))][tests > 0]
-    counts = np.bincount(latest, minlength=len(REGIMES))
+def _summary(layers: dict[str, np.ndarray], outline: SweepOutline) -> dict[str, Any]:
+    """Return the numbers of cells and regimes; shares and regimes are those of the plane, without repeats."""
+    tests, plane = layers["tested"].sum(axis=0), outline.plane_cells
+    latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))]
+    counts = np.bincount(latest[:plane][tests[:plane] > 0], minlength=len(REGIMES))
+    lengths = transient_lengths(layers["regime"], layers["transient"])
+    found = Reliability.of(outline.shape, latest, lengths, tests == outline.chunks)
+    helmholtz = lengths[:plane] > 0
     return {
         "cells": int(np.count_nonzero(tests)),
-        "helmholtz_fraction": float(passed.mean()),
+        "helmholtz_fraction": float(helmholtz.mean()),
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
+        **({"repeats": found.findings(outline.repeats, helmholtz.reshape(outline.shape))} if found else {}),
     }
 
 

@@ -231,7 +231,8 @@ class _Accounts:
         if not planned.adaptive:
             return
         budget = within_budget(expected.adaptive, expected.cells)
-        length = np.where(done, transient_lengths(is_helmholtz(self.survey.layers()["regime"])), np.nan)
+        layers = self.survey.layers()
+        length = np.where(done, transient_lengths(is_helmholtz(layers["regime"]), layers["transient"]), np.nan)
         tried = np.zeros(expected.cells, bool)
         for number, cells in enumerate([*planned.rounds, np.zeros(0, np.uint32)], 1):
             known = np.where(tried, length, np.nan).reshape(expected.shape)

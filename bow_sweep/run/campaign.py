@@ -125,8 +125,13 @@ def report(directory: Path, campaign: Campaign) -> dict[str, Any]:
         "cells": {name: sum(run["cells"][name] for run in runs.values()) for name in accounts},
         "samples": sum(run["samples"] for run in runs.values()),
         "wall_seconds": sum(run["wall_seconds"] for run in runs.values()),
-        "runs": {preset: {name: run.get(name) for name in OF_A_RUN} for preset, run in runs.items()},
+        "runs": {preset: _of_a_run(run) for preset, run in runs.items()},
     }
     with replacing(directory / REPORT) as file:
         file.write(json.dumps(content, indent=2).encode() + b"\n")
     return content
+
+
+def _of_a_run(report: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the report of a campaign has of the report of a run; `repeats` only where there are some."""
+    return {name: report.get(name) for name in OF_A_RUN} | {k: report[k] for k in ("repeats",) if k in report}

@@ -21,7 +21,10 @@ from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.messages import FORMAT
+from bow_sim.protocol.repeats import Repeats
 from bow_sweep.maps.basin_map import Basin
+from bow_sweep.maps.held_fixed import common_in_si
+from bow_sweep.maps.reliability import Reliability
 from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run import ledger_file
@@ -155,7 +158,7 @@ class Run:
         return more is not None
 
     def done(self) -> np.ndarray:
-        """Return which cells are in blocks that are done, (ny * nx,)."""
+        """Return which cells are in blocks that are done, (cells,), repeats included."""
         return self.blocks.cells_of(n for n, block in enumerate(self.ledger.blocks) if block.state is State.DONE)
 
     def transient_periods(self, basin: Basin) -> np.ndarray:
@@ -163,9 +166,16 @@ class Run:
 
         NaN: not done; cells that an adaptive sweep does not simulate are predicted.
         """
-        shape = (basin.ny, basin.nx)
-        length = np.where(self.done(), basin.transient_periods, np.float32(np.nan)).reshape(shape)
-        return np.where(self.blocks.planned.reshape(shape), length, fill(length)) if self.blocks.adaptive else length
+        length = basin.of_plane(np.where(self.done(), basin.transient_periods, np.float32(np.nan)))
+        planned = basin.of_plane(self.blocks.planned)
+        return np.where(planned, length, fill(length)) if self.blocks.adaptive else length
+
+    def _findings(self, basin: Basin) -> dict[str, Any]:
+        """Return the entries of the report that follow from the verdicts."""
+        length, done = self.transient_periods(basin), self.done()
+        regimes = basin.of_plane(basin.latest("regime"))[basin.of_plane(done)]
+        gesture = self.sweep.parameters.gesture
+        return findings(length, regimes, gesture, self.sweep.repeats, Reliability.of_basin(basin, done))
 
     def cells_in(self, state: State) -> int:
         """Return how many cells are in blocks of a state."""
@@ -194,11 +204,14 @@ class Run:
         extra
             More entries.
         """
+        shared = common_in_si(vars(self.sweep.parameters), (self.sweep.x.name, self.sweep.y.name))
         report = {
             "run_id": self.run_id,
             "sweep_id": self.sweep.sweep_id,
             "preset": self.sweep.preset,
             "settings": list(self.sweep.settings()),
+            **({"si": shared} if shared else {}),
+            "notes": list(self.sweep.notes),
             "fingerprint": fingerprint(),
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
@@ -208,7 +221,7 @@ class Run:
             "quarantined_blocks": {str(block): why for block, why in self.quarantined.items()},
             "attempts": sum(block.attempt for block in self.ledger.blocks),
             "epoch": self.ledger.epoch,
-            **findings(self.transient_periods(basin), basin.latest("regime")[self.done()]),
+            **self._findings(basin),
             "wall_seconds": wall_seconds,
             "cells_per_second": self.accounts()["done"] / wall_seconds if wall_seconds > 0 else None,
             "versions": _versions(),
@@ -232,7 +245,13 @@ def digest(path: Path) -> str | None:
     return xxhash.xxh3_64_hexdigest(path.read_bytes()) if path.is_file() else None
 
 
-def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, Any]:
+def findings(
+    transient_periods: np.ndarray,
+    regimes: np.ndarray,
+    gesture: str,
+    repeats: Repeats,
+    reliability: Reliability | None,
+) -> dict[str, Any]:
     """Return the entries of a report that follow from the map.
 
     Parameters
@@ -240,14 +259,21 @@ def findings(transient_periods: np.ndarray, regimes: np.ndarray) -> dict[str, An
     transient_periods
         (ny, nx), see :meth:`Run.transient_periods`.
     regimes
-        (cells that are done,) codes at the latest test.
+        (cells of the plane that are done,) codes at the latest test.
+    gesture
+        Of the sweep. For *guettler* there is also the share of cells whose transient is perfect, less than a period.
+    repeats, reliability
+        How the cells are repeated, and what the repeats end as; None where there are none.
     """
     length = np.nan_to_num(transient_periods)
     counts = np.bincount(regimes, minlength=len(REGIMES))[: len(REGIMES)]
+    perfect = {"perfect_fraction": float(np.mean((length > 0) & (length < 1)))} if gesture == "guettler" else {}
     return {
+        **perfect,
         "helmholtz_fraction": float(np.mean(length > 0)),
         "median_transient_periods": float(np.median(length[length > 0])) if length.any() else None,
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=True)},
+        **({"repeats": reliability.findings(repeats, length > 0)} if reliability is not None else {}),
     }
 
 

@@ -55,7 +55,7 @@ def arrange(
     pointed: bool = True,
     force: tuple[float, float] | None = None,
 ) -> rrb.Blueprint:
-    """Return the layout: a tab for the sweep, one for the tests, one for terrain and one for waveforms.
+    """Return the layout: tabs for the sweep, the tests, terrain, reliability where there are repeats, and waveforms.
 
     Parameters
     ----------
@@ -110,6 +110,16 @@ def arrange(
         column_shares=[5, 2],
         name="Terrain and playability",
     )
+    sure = (
+        [
+            rrb.Vertical(
+                plane("reliability", "Share of the repeats that end as the cell, when the sweep has ended"),
+                name="Reliability",
+            )
+        ]
+        if "reliability" in decorations
+        else []
+    )
     waves: list[rrb.View] = [
         rrb.TimeSeriesView(
             origin=f"waveform/{trace_name(cell)}",
@@ -125,7 +135,7 @@ def arrange(
         name="Waveforms",
     )
     return rrb.Blueprint(
-        rrb.Tabs(sweep, tests, terrain, waveforms, active_tab=0),
+        rrb.Tabs(sweep, tests, terrain, *sure, waveforms, active_tab=0),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline="sweep", play_state="following"),

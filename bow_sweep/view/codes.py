@@ -135,6 +135,19 @@ def layer_meanings(name: str) -> list[Meaning]:
     return [*known, Meaning(NO_VALUE, "pending", GREY)]
 
 
+def reliability_codes(shares: np.ndarray) -> np.ndarray:
+    """Return the codes of shares of repeats that end as their cell, uint16: percents, `NO_VALUE` where not known."""
+    return np.rint(np.nan_to_num(100 * np.asarray(shares, float), nan=NO_VALUE)).astype(np.uint16)
+
+
+def reliability_meanings() -> list[Meaning]:
+    """Return the codes of shares of repeats."""
+    colours = viridis(np.arange(101) / 100).tolist()
+    words = (f"{percent} % of the repeats end as the cell" for percent in range(101))
+    known = [Meaning(code, word, tuple(colour)) for code, (word, colour) in enumerate(zip(words, colours, strict=True))]
+    return [*known, Meaning(NO_VALUE, "not known", GREY)]
+
+
 def terrain_meanings() -> list[Meaning]:
     """Return the codes of the kinds of terrain."""
     kinds = enumerate(zip(TERRAINS, TERRAIN_COLOURS, strict=True))

@@ -19,6 +19,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, regime_legend, transient_colours, viridis
 from bow_sweep.maps.axes import Tick
 from bow_sweep.maps.held_fixed import caption
+from bow_sweep.maps.limit_lines import limit_note
 from bow_sweep.maps.plane import TEST_RANGES, Plane, terrain_label
 from bow_sweep.maps.terrain import TERRAINS
 
@@ -42,6 +43,9 @@ BOX_PITCH = 6.5
 
 CAPTION_LETTERS = 100
 """Letters in a line of the caption; longer lines would make the view wider than the map needs."""
+
+FORMULAS = "formulas: Accounts"
+"""Where the formulas of limits are: the map would be too small with them below it."""
 
 LEGEND_WIDTH, LEGEND_HEIGHT = 184.0, 100.0
 """Size of the legend of regimes, which has a view of its own, units of that view."""
@@ -163,7 +167,7 @@ def _captioned(plane: Plane) -> Decorations:
     """Return frame, ticks and labels, and below them what is the same in all cells."""
     made = surroundings(plane)
     top = made.bounds[1][1] - 1 + GAP
-    for number, line in enumerate(caption(plane, CAPTION_LETTERS)):
+    for number, line in enumerate([*caption(plane, CAPTION_LETTERS), *limit_note(plane, FORMULAS)]):
         made.label(WIDTH / 2, top + number * (LINE + GAP / 2), line)
     return made
 
@@ -205,6 +209,14 @@ def terrain_decorations(plane: Plane) -> Decorations:
     made = _captioned(plane)
     colours = np.array([*TERRAIN_COLOURS, GREY], np.uint8)
     _scale(made, colours, [*map(terrain_label, TERRAINS), "unknown"], "terrain")
+    return made
+
+
+def reliability_decorations(plane: Plane) -> Decorations:
+    """Return the decorations of the shares of repeats that end as their cell: a bar from 1 on top to 0."""
+    made = _captioned(plane)
+    texts = [f"{step / 40:g}" if step % 8 == 0 else "" for step in range(40, -1, -1)]
+    _scale(made, viridis(np.linspace(1, 0, 41)), texts, "repeats that end alike", [("not known", GREY)])
     return made
 
 

@@ -141,7 +141,7 @@ class LiveRun:
     def inspect(self, values: Mapping[str, Any]) -> None:
         """Take an InspectedCell."""
         cell, force = values["cell"], values["bridge_force"]
-        if not self._is_mine(values) or cell >= self._outline.cells:
+        if not self._is_mine(values) or cell >= self._outline.plane_cells:  # repeats have no place of their own
             self.ignored += 1
             return
         if not values["attempt"]:  # of no block that was sent: somebody has chosen the cell
@@ -253,6 +253,8 @@ class LiveRun:
             result = finished_map(self._directory, self.recording.snapshot)
             if result is not None:
                 self.recording.tests(result)
+                if result.reliability is not None:
+                    self.recording.reliability(result.reliability.reliability)
 
     def _terrain(self) -> None:
         shown = self.recording.snapshot

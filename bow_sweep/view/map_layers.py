@@ -20,10 +20,22 @@ import rerun as rr
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import regime_legend
 from bow_sweep.maps.held_fixed import cell_names
+from bow_sweep.maps.limit_lines import drawn
+from bow_sweep.maps.limits import LABELS
 from bow_sweep.maps.plane import NOT_COMPUTED, TEST_LAYERS, Plane, Snapshot, upright
-from bow_sweep.view.codes import Meaning, Motion, layer_codes, layer_meanings, terrain_meanings
+from bow_sweep.view.codes import (
+    Meaning,
+    Motion,
+    layer_codes,
+    layer_meanings,
+    reliability_codes,
+    reliability_meanings,
+    terrain_meanings,
+)
 from bow_sweep.view.decorations import (
+    HEIGHT,
     LEGEND_STROKE,
+    LINE,
     PIXEL,
     Decorations,
     cell_centres,
@@ -31,6 +43,7 @@ from bow_sweep.view.decorations import (
     layer_decorations,
     legend,
     regime_decorations,
+    reliability_decorations,
     terrain_decorations,
     transient_decorations,
 )
@@ -87,17 +100,21 @@ class MapLayers:
             "regime": regime_decorations(plane),
             "terrain": terrain_decorations(plane),
         }
+        if "repeats" in plane.values:
+            self.decorations["reliability"] = reliability_decorations(plane)
         meanings = {
             "map": self._motion.meanings(by_regime=False),
             **{f"tests/{name}": layer_meanings(name) for name in TEST_LAYERS},
             "regime": self._motion.meanings(by_regime=True),
             "terrain": terrain_meanings(),
+            **({"reliability": reliability_meanings()} if "reliability" in self.decorations else {}),
         }
         self._name_codes(meanings)
         self._paint = {place: _palette(known) for place, known in meanings.items()}
         self._name_lines()
         for place, decorations in self.decorations.items():
             draw(self._log, f"{place}/axes", decorations)
+            draw_limits(self._log, f"{place}/axes/limits", plane)
         self._place_cells()
 
     def _name_codes(self, meanings: Mapping[str, Sequence[Meaning]]) -> None:
@@ -210,6 +227,10 @@ class MapLayers:
         """Log the terrain of the map, (ny, nx) codes."""
         self._show("terrain", codes.astype(np.uint16))
 
+    def reliability(self, shares: np.ndarray) -> None:
+        """Log the shares of repeats that end as their cell, (ny, nx); only of a sweep with repeats."""
+        self._show("reliability", reliability_codes(shares))
+
     def _show(self, place: str, codes: np.ndarray) -> None:
         """Log a picture and the same codes of its cells, (ny, nx)."""
         self._log(f"{place}/picture", rr.Image(upright(self._paint[place][codes]), color_model=RGB))
@@ -223,7 +244,7 @@ def _bars(plane: Plane) -> rr.BarChart:
     """Return how many cells have each transient length."""
     ends = np.arange(CHUNK_PERIODS, plane.periods + 1, CHUNK_PERIODS)
     found = plane.transient_periods[np.nan_to_num(plane.transient_periods) > 0]
-    counts = np.bincount(np.rint(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
+    counts = np.bincount(np.ceil(found / CHUNK_PERIODS).astype(int), minlength=len(ends) + 1)[1 : len(ends) + 1]
     return rr.BarChart(counts, abscissa=ends, widths=np.full(len(ends), 0.9 * CHUNK_PERIODS), color=BAR_COLOUR)
 
 
@@ -268,6 +289,20 @@ def draw(log: Callable[..., object], place: str, decorations: Decorations) -> No
         where = rr.Transform3D(translation=[*decorations.bar_corner, 0.0], scale=PIXEL)
         picture = rr.Image(decorations.bar, opacity=1.0, magnification_filter="nearest", draw_order=BEHIND)
         log(f"{place}/scale", where, picture, static=True)
+
+
+def draw_limits(log: Callable[..., object], place: str, plane: Plane) -> None:
+    """Log the limits of theory over a picture: white lines within black, with their names."""
+    found = drawn(plane)
+    if not found:
+        return
+    unit = np.array(cell_size(plane))
+    lines = [at * unit * (1, -1) + (0, HEIGHT) for each in found for at in each.runs]
+    for name, colour, wide, order in (("under", (0, 0, 0), 4.0, ABOVE), ("lines", (255, 255, 255), 1.8, ABOVE + 1)):
+        radii = rr.Radius.ui_points(wide / 2)
+        log(f"{place}/{name}", rr.LineStrips2D(lines, colors=colour, radii=radii, draw_order=order), static=True)
+    places = [(x * unit[0], HEIGHT - y * unit[1] - LINE / 2) for x, y in (each.label for each in found)]
+    log(f"{place}/names", texts(places, [LABELS[each.limit.name] for each in found]), static=True)
 
 
 def texts(places: Sequence[tuple[float, float]], words: Sequence[str]) -> rr.Points2D:

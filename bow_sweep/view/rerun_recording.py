@@ -263,6 +263,11 @@ class RunRecording:
         self._layers.terrain(codes)
         self._record.log("playability", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
+    def reliability(self, shares: np.ndarray) -> None:
+        """Log the shares of repeats that end as their cell, (ny, nx)."""
+        self._now(among_samples=True)
+        self._layers.reliability(shares)
+
     def flush(self) -> None:
         """Write everything into the file: after a kill it can be read up to here."""
         self.draw_waveforms()

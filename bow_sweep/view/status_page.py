@@ -12,10 +12,14 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import NODE_STATE_NAMES, BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.maps.held_fixed import held_fixed, subject
+from bow_sweep.maps.limit_lines import limit_lines
 from bow_sweep.maps.plane import Snapshot, regime_label
 from bow_sweep.maps.playability import MEASURES
 
 USUAL_STATES = ("starting", "ready", "busy", "closed")
+
+LETTERS = 58
+"""Letters in a line of a formula: lines of code are not wrapped."""
 
 SILENT_S = 5.0
 """A node is called silent after this time without a Health message; it should send one every second."""
@@ -82,7 +86,18 @@ def page(snapshot: Snapshot, nodes: Iterable[NodeStatus], now: float, state: str
         "",
         *_cells(snapshot, rate),
     ]
-    parts += ["", *_regimes(snapshot), "", *_held(snapshot), "", *_nodes(nodes, now), "", *_identity(snapshot)]
+    parts += [
+        "",
+        *_regimes(snapshot),
+        "",
+        *_held(snapshot),
+        "",
+        *_limits(snapshot),
+        "",
+        *_nodes(nodes, now),
+        "",
+        *_identity(snapshot),
+    ]
     return "\n".join(parts) + "\n"
 
 
@@ -104,9 +119,16 @@ def playability_page(measured: Mapping[str, Any]) -> str:
     return "\n".join(["## Playability", head, "", *_table(("", "", "±"), rows)]) + "\n"
 
 
+def _limits(snapshot: Snapshot) -> list[str]:
+    """Return formulas and inputs of the limits over the map."""
+    return [f"    {line}" for line in limit_lines(snapshot, LETTERS)]  # as code: stars and underscores stay
+
+
 def _held(snapshot: Snapshot) -> list[str]:
     """Return what is the same in all cells."""
-    rows = [(held.symbol(), held.text, held.unit) for held in held_fixed(snapshot)]
+    rows = [
+        (held.symbol(), held.text, held.unit + f" ({held.beside})" * bool(held.beside)) for held in held_fixed(snapshot)
+    ]
     return _table(("held fixed", "", "unit"), rows, numbers_from=3) if rows else []
 
 

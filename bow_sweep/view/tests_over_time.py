@@ -89,6 +89,8 @@ def at_each_test(result: MapFile) -> Iterator[tuple[int, Snapshot]]:
         regime = result.regimes[index]
         last = index == len(result.test_periods) - 1
         by_then = np.where(np.nan_to_num(length) <= periods, length, 0).astype(np.float32)
+        if result.transient is not None:
+            by_then = result.transient[index]
         tested = (regime != PENDING) & ~np.isnan(length)
         yield (
             int(periods),

@@ -155,6 +155,8 @@ def test_verdicts_have_the_types_of_the_message():
         "corners": "uint16",
         "regime": "uint8",
         "confidence": "float32",
+        "beat": "float32",
+        "transient": "float32",
     }
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import run_sweep, verified
+from graph import bow, map_of, orphans, run_sweep, sweeping, verified
 
 from bow_sweep.cell.motion import motion
 from bow_sweep.cell.run_cells import RunCells
-from bow_sweep.maps.map_file import read_map_npz
+from bow_sweep.maps.in_process import compute
+from bow_sweep.maps.map_file import MapFile, read_map_npz
+from bow_sweep.plan.sweep import Sweep
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
@@ -38,4 +41,63 @@ def test_a_plane_in_newton_is_recorded_judged_verified_and_computed_again(tmp_pa
     assert recorded.checked and computed.checked
     assert recorded.bridge_force.tobytes() == computed.bridge_force.tobytes()
     assert recorded.parameters.beta == pytest.approx(plane.x[cell % 6])
+    assert motion(recorded).same
+
+
+MODE = [
+    *("--set", "string=violin_a", "--set", "v_unit=0.1", "--set", "hair=hair_soft", "--set", "friction=thermal"),
+    *("--set", "body=signature", "--set", "bridge=rigid", "--set", "rosin=rosin_soft", "--periods", "60"),
+    *("--set", "x.name=body_3_ratio", "--set", "x.first=0.8", "--set", "x.last=1.25", "--set", "x.scale=linear"),
+    *("--set", "y.name=force", "--set", "y.first=0.1", "--set", "y.last=2", "--set", "y.scale=log"),
+    *("--nx", "16", "--ny", "16", "--simulators", "1", "--set", "block_cells=8", "--no-dashboard"),
+]
+
+
+def test_a_map_over_a_mode_that_was_killed_and_interrupted_is_gone_on_with_and_is_that_of_one_process(
+    tmp_path: Path,
+) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *MODE, "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        sweep.kill("simulator")  # the only one: nothing is computed until it is started again
+        sweep.wait_until(lambda: "killed by SIGKILL" in sweep.text)
+        sweep.process.send_signal(signal.SIGINT)
+        assert sweep.wait() == 130, sweep.text
+        assert 2 <= sweep.done_blocks() < 32
+    assert orphans(run) == []
+    with sweeping(run, "--resume", str(run), "--no-dashboard") as sweep:
+        assert sweep.wait() == 0, sweep.text
+    verified(run)
+    again = bow("replay", str(run))
+    assert again.returncode == 0, again.stderr
+    report = json.loads((run / "report.json").read_text())
+    assert report["attempts"] > 32
+    assert report["notes"] == []
+    own = Sweep.from_spec("", report["settings"])
+    alone = MapFile.of(own, compute(own), report["run_id"])
+    plane = read_map_npz(run / "map.npz")
+    assert plane.x_name == "body_3_ratio"
+    for name in ("transient_periods", "regime", "correlation", "slips", "corners", "helmholtz"):
+        np.testing.assert_array_equal(getattr(plane, name), getattr(alone, name), err_msg=name)
+    assert len(np.unique(map_of(run)["regime"])) > 1
+
+
+def test_a_plane_of_notes_begins_near_the_maximum_and_shows_its_limits(tmp_path: Path) -> None:
+    plane = ["--set", "x.count=4", "--ny", "3", "--set", "periods=10", "--simulators", "2", "--set", "block_cells=8"]
+    run = run_sweep(tmp_path / "run", "playability", *plane)
+    verified(run)
+    with np.load(run / "map.npz") as file:
+        assert file["semitone"].tolist() == [0, 8, 16, 24]
+        most, least = file["limit_schelleng_max_y"], file["limit_schelleng_min_y"]
+    assert most == pytest.approx(np.full(4, 0.8023), rel=1e-3)
+    assert (least < most).all() and np.ptp(least) > 0
+    assert (run / "map.png").stat().st_size > 10_000
+    report = json.loads((run / "report.json").read_text())
+    assert report["si"]["speed"] == {"value": 0.1, "unit": "m/s"}
+    assert "f_0" not in report["si"]  # each note has its own
+    with RunCells(run) as cells:
+        cell = cells.nearest({"semitone": 8, "force": 0.1})
+        recorded, computed = cells.record(cell, "bag"), cells.record(cell, "computed")
+    assert recorded.parameters.sample_rate == pytest.approx(139 * 196 * 2 ** (8 / 12))
+    assert recorded.bridge_force.tobytes() == computed.bridge_force.tobytes()
     assert motion(recorded).same

@@ -253,6 +253,7 @@ def verdicts(run: Run, block: int, chunk: int, **changes: Any) -> bytes:
     values |= changes
     cells = np.asarray(values["cells"])
     values |= dict.fromkeys(("correlation", "period", "slips", "corners", "confidence"), np.ones(len(cells)))
+    values |= dict.fromkeys(("beat", "transient"), np.full(len(cells), np.nan))
     return cdr.encode("Verdicts", {**values, "regime": cells % 3})
 
 

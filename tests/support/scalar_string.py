@@ -93,8 +93,27 @@ class Contact:
             return math.copysign(s, d) if self.slipping else 0.0
         if p.friction == "thermal":
             return self.warm(d, f_b)
+        if p.friction == "curve":
+            return self.on_curve(d, f_b)
         s, self.slipping = friction(d, f_b, self.y, p, self.slipping)
         return s
+
+    def on_curve(self, d: float, f_b: float) -> float:
+        """PHYSICS.md section 13: the highest slip speed at which string and friction agree."""
+        p = self.p
+        curve = [tuple(map(float, word.split("/"))) for word in p.friction_curve.replace(",", " ").split()]
+        unit = p.v_unit or 1.0
+        x, k = abs(d) * unit, f_b * (self.y * unit)
+        s = 0.0
+        for i in reversed(range(len(curve))):
+            speed, mu = curve[i]
+            if x >= k * mu + speed:
+                end, low = curve[i + 1] if i + 1 < len(curve) else (math.inf, mu)
+                slope = (low - mu) / (end - speed) if end < math.inf else 0.0
+                s = max(min(speed + (x - (k * mu + speed)) / (k * slope + 1.0), end), speed)
+                break
+        self.slipping = x > k * curve[0][1] or (self.slipping and s > 0)
+        return math.copysign(s * (1 / unit), d) if self.slipping else 0.0
 
     def warm(self, d: float, f_b: float) -> float:
         """PHYSICS.md section 13, in the order of its lines."""
@@ -130,7 +149,10 @@ def friction(d: float, f_b: float, y: float, p: Parameters, slipping: bool) -> t
 
 def gesture(p: Parameters, t: int) -> tuple[float, float]:
     """Bow force and bow speed (PHYSICS.md section 5)."""
-    f_init = (0.0 if p.gesture == "string_crossing" else p.f_init_ratio) * p.f_asym
+    ratio = p.f_init_ratio
+    if p.sustained:  # of Schelleng's maximum (PHYSICS.md section 14)
+        ratio = p.sustained * (p.v_b / (ends(p).y * p.beta) / (p.mu_s - p.mu_d)) / p.f_asym
+    f_init = (0.0 if p.gesture == "string_crossing" else ratio) * p.f_asym
     f_b = p.f_asym + (f_init - p.f_asym) * math.exp(-t / p.tau_f)
     v_b = p.v_b
     if p.gesture == "martele":

@@ -9,7 +9,9 @@ from kinematics import N
 from numpy.typing import ArrayLike, NDArray
 
 from bow_classifier.chunk_pass import BlockState, Chunk, Lags, Result, Setup, Strings, classify_cells
+from bow_classifier.features.first_slips import Releases
 from bow_classifier.features.slips import Intervals, SlipState
+from bow_classifier.features.wolf import WolfState
 from bow_classifier.verdict.decision import Decision, Features, Limits
 from bow_classifier.verdict.thresholds import Thresholds
 
@@ -70,14 +72,15 @@ def measure(
         Fields of `bow_classifier.verdict.decision.Limits` other than the usual ones.
     """
     cells = len(record)
-    each = [np.array(np.broadcast_to(x, (cells,)), float) for x in (1.0, corner, slip, spread, gap)]
+    each = [np.array(np.broadcast_to(x, (cells,)), float) for x in (1.0, corner, slip, 0.0, spread, gap)]
     strings = Strings(np.array(np.broadcast_to(delay, (cells,)), np.int64), *each)
     usual = Limits.of(N, Thresholds())._replace(period=float(period), **limits)
     force = np.ascontiguousarray(record[:, start:], np.float32)
     force.flags.writeable = False
-    block = BlockState(np.ascontiguousarray(record[:, :start], np.float32), state or SlipState.at_rest(cells))
+    before = np.ascontiguousarray(record[:, :start], np.float32)
+    block = BlockState(before, state or SlipState.at_rest(cells), WolfState.empty(0, 5), Releases.none(0))
     result = Result(Features.empty(np.full(cells, 15 / 139)), Decision.empty(cells))
-    chunk = Chunk(force, (intervals or no_slips(cells)).copied())
+    chunk = Chunk(force, (intervals or no_slips(cells)).copied(), 0)
     wrong = classify_cells(block, chunk, Setup(strings, Lags(*near, *long), usual), result)
     assert wrong < 0, f"cell {wrong} does not continue the chunk before"
     return result.features

@@ -18,6 +18,7 @@ def test_codes_of_regimes_are_in_bags_and_never_change():
     codes = (
         "no_oscillation", "helmholtz", "multiple_slip", "multiple_flyback", "other_periodic", "aperiodic",
         "helmholtz_extra_slips", "raman_higher", "anomalous_low_frequency", "subharmonic",
+        "wolf",
     )  # fmt: skip
     assert REGIMES[: len(codes)] == codes
     for name in REGIMES:
@@ -109,6 +110,8 @@ WHAT_IS_SEEN = {
     "ripple": (0.33, float),
     "sure_slips": (1.0, float),
     "sure_corners": (1.0, float),
+    "beat": (np.nan, np.float32),
+    "transient": (np.nan, np.float32),
     "beta": (15 / 139, float),
 }
 

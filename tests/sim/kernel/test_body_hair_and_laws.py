@@ -19,8 +19,10 @@ CASES: dict[str, dict[str, Any]] = {
     "everything, delta": {**EVERYTHING, "model": "delta_cremer", "force": 0.8},
     "coulomb": {"friction": "coulomb", "body_modes": "440/30/k0.01, 900/20/k0.003"},
     "coulomb, rigid ends": {"model": "friedlander", "friction": "coulomb", "body": "wolf_83"},
+    "curve": {"model": "delta_cremer", "friction": "curve", "friction_curve": "0/0.8, 0.1/0.6, 0.4/0.45, 1/0.4, 3/0.5"},
     "between samples": {"model": "delta_cremer", "beta": 0.1234},
     "between samples, near the bridge": {"model": "raman", "beta": 0.012},
+    "sustained": {"model": "delta_cremer", "sustained": 0.6, "f_init_ratio": 1, "tau_f": 300, "f_asym": 2},
     "between samples, stiff": {"beta": 0.07, "gesture": "guettler"},
 }
 
@@ -79,6 +81,18 @@ def test_a_body_that_cells_share_has_the_bits_of_one_that_each_has_for_itself() 
     own = bridge_force(p, {"f_asym": np.linspace(1, 9, 11), "body_scale": np.ones(11)}, 2)
     for a, b in zip(shared, own, strict=True):
         assert a.bridge_force.tobytes() == b.bridge_force.tobytes()
+
+
+@pytest.mark.parametrize("model", ["delta_cremer", pytest.param("raman", marks=pytest.mark.full)])
+def test_cells_may_differ_in_single_modes(model: str) -> None:
+    common = {"model": model, "body_modes": "440/30/k0.01, 900/20/k0.003", "periods": 10, "f_asym": 3.0}
+    p = Parameters.from_mapping(common)
+    ratio, kappa = np.linspace(0.8, 1.25, 9), np.geomspace(0.001, 0.1, 9)
+    results = bridge_force(p, {"body_1_ratio": ratio, "body_2_k": kappa}, 2)
+    for cell in (0, 4, 8):
+        own = p.replace(body_1_ratio=float(ratio[cell]), body_2_k=float(kappa[cell]))
+        want = simulate(own, own.samples)["bridge_force"].astype(np.float32)
+        assert np.concatenate([r.bridge_force[cell] for r in results]).tobytes() == want.tobytes()
 
 
 def test_off_is_off() -> None:

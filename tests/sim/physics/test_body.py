@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scalar_string import BodySide
 
-from bow_sim.physics.body import SETS, modes, read_modes, resonators
+from bow_sim.physics.body import SETS, Mode, modes, modes_of, read_modes, resonators
+from bow_sim.physics.cells import cells
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import Ends, ends
@@ -151,3 +152,74 @@ def test_the_filter_of_a_mode_peaks_at_its_frequency() -> None:
     (b0,), (a1,), (a2,) = resonators(modes("none", "440/30/k0.01", 61160.0, 139, 0.0), 61160.0)
     z = np.exp(2j * np.pi * 440 / 61160)
     assert abs(b0 * (1 - z**-2) / (1 + a1 / z + a2 / z**2)) == pytest.approx(0.01 * 30, rel=1e-9)
+
+
+SIGNATURE = {"body": "signature", "string": "violin_g"}
+
+
+def own_modes(**settings: object) -> tuple[Mode, ...]:
+    return modes_of(Parameters.from_mapping(settings))
+
+
+def test_a_single_mode_takes_another_frequency_q_and_mass() -> None:
+    plain = own_modes(**SIGNATURE)
+    made = own_modes(**SIGNATURE, body_1_f=300, body_2_q="50", body_3_m=0.24, body_4_k=0.02)
+    w = 2 * math.pi * 300
+    assert made[0] == (300, 40, pytest.approx(0.35 / (1.33 * w)))  # it keeps its mass
+    assert made[1] == plain[1]._replace(q=50)
+    assert made[2] == (462, 27, pytest.approx(plain[2].kappa / 2))
+    assert made[3] == plain[3]._replace(kappa=0.02)
+    assert own_modes(**SIGNATURE, body_4_k=0.02, body_scale=2)[3].kappa == 0.04
+
+
+def test_a_ratio_follows_the_string() -> None:
+    assert own_modes(body="wolf_83", body_1_ratio=1.1) == (Mode(pytest.approx(484), 30, 0.01),)
+    higher = Parameters.from_mapping({"body": "wolf_83", "body_1_ratio": 1.1}).replace(sample_rate=139 * 880.0)
+    assert modes_of(higher)[0].f == pytest.approx(968)
+    other = higher.replace(body_1_f=500)  # the same property in another way
+    assert modes_of(other)[0].f == 500
+    assert other.body_changes == "body_1_f=500.0"
+
+
+def test_changes_of_modes_come_back_from_their_settings() -> None:
+    p = Parameters.from_mapping({**SIGNATURE, "body_2_f": 1 / 3 * 1000, "body_1_m": 0.7})
+    assert Parameters.from_settings(p.settings()) == p
+    assert p.replace(body_1_m=0.8).body_changes == "body_1_m=0.8 body_2_f=333.3333333333333"
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({**SIGNATURE, "body_5_f": 300}, "body_5_f = 300.0: the body has 4 modes, body_1_f ... body_4_f"),
+        ({"body": "wolf_83", "body_2_q": 3}, "body_2_q = 3.0: the body has 1 mode, body_1_q"),
+        ({"body_1_f": 300}, "body_1_f = 300.0: there is no body: body=NAME, or body_modes=f/Q/m, ..."),
+        ({**SIGNATURE, "body_1_f": 0}, "body_1_f = 0: must be a number > 0 in Hz (frequency of mode 1)"),
+        ({**SIGNATURE, "body_1_q": "high"}, "body_1_q = 'high': must be a number > 0 (Q factor of mode 1)"),
+        ({**SIGNATURE, "body_1_m": math.nan}, "body_1_m = nan: must be a number > 0 in kg"),
+        ({**SIGNATURE, "body_1_f": 99, "body_1_ratio": 1}, "body_1_ratio = 1: body_1_f is given too; give one of them"),
+        ({**SIGNATURE, "body_1_f": 20000}, "body_1_f = 20000: f must be less than half the sample rate, 13622 Hz"),
+        ({"body": "wolf_83", "body_1_m": 0.1}, "a mass needs string=NAME"),
+        ({"body": "wolf_83", "body_1_w": 0.1}, "body_1_w = 0.1: unknown parameter; did you mean body_1"),
+        ({"body": "wolf_83", "body_changes": "1_f=3"}, "body_changes: '1_f=3': must be body_NUMBER_KIND=VALUE"),
+    ],
+)
+def test_a_change_of_a_mode_that_cannot_be_is_refused(settings: dict[str, object], text: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        Parameters.from_mapping(settings, "my.yaml: ")
+    assert text in str(error.value)
+    assert str(error.value).startswith("my.yaml: body")
+
+
+def test_cells_that_differ_in_a_mode_share_the_string_and_those_of_one_body_share_it() -> None:
+    p = Parameters.from_mapping({"body": "signature", "z_0": 0.35})
+    one = cells(p, {"body_1_ratio": [0.8, 1.25], "body_2_q": [20.0, 30.0]})
+    assert (len(one.ends), len(one.bodies)) == (1, 2)
+    assert [b.modes[0].f for b in one.bodies] == pytest.approx([352, 550])
+    assert [b.modes[1].q for b in one.bodies] == [20, 30]
+    two = cells(p, {"beta": [0.1, 0.2]})
+    assert (len(two.ends), len(two.bodies)) == (2, 1)
+    assert cells(Parameters(), {"beta": [0.1, 0.2]}).bodies == ()
+    with pytest.raises(ParameterError, match=r"lanes.body_1_q\[1\] = 0.0: must be a number > 0"):
+        cells(p, {"body_1_q": [1.0, 0.0]})
+    with pytest.raises(ParameterError, match=r"lanes\[0\]: body_7_q = 1.0: the body has 4 modes"):
+        cells(p, {"body_7_q": [1.0]})

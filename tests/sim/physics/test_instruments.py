@@ -7,7 +7,7 @@ import pytest
 
 from bow_sim.physics.cells import cells, paper_lanes
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.instruments import HAIRS, SI, STRINGS
+from bow_sim.physics.instruments import HAIRS, SI, STRINGS, in_si
 from bow_sim.physics.parameters import FIELDS, Parameters
 
 
@@ -63,8 +63,11 @@ def test_thermal_friction_has_the_coefficient_of_its_rosin_unless_another_is_giv
         ({"string": "violin_g", "v_unit": 0.1, "force": -1}, "force = -1: must be a number > 0 in N"),
         ({"speed": "fast", "v_unit": 0.1}, "speed = 'fast': must be a number > 0 in m/s"),
         ({"beta": 0}, "beta = 0: must be a number > 0"),
-        ({"beta": 1.2}, "bow_bridge = 166.8: must be less than period = 139"),
-        ({"beta": 0.001}, "bow_bridge = 0"),
+        ({"beta": 0.1, "bow_distance": 30, "string": "violin_g"}, "beta = 0.1: bow_distance = 30 is given too"),
+        ({"bow_distance": 30}, "bow_distance = 30: needs string=NAME, or string_length=NUMBER in m"),
+        ({"semitone": -1}, "semitone = -1: must be a number >= 0 in semitones"),
+        ({"beta": 1.2}, "beta = 1.2: must be 0.007194 ... 0.9928: the bow is on the string"),
+        ({"beta": 0.001}, "beta = 0.001: must be 0.007194 ... 0.9928"),
         ({"string": "ukulele"}, "string = 'ukulele': must be one of violin_g"),
         ({"hair": "hair_soft"}, "hair_r = 3.0: needs SI units, and there is no z_0"),
         ({"hair_r": -3, "z_0": 1}, "hair_r = -3: must be a number >= 0"),
@@ -100,3 +103,38 @@ def test_names_do_not_collide() -> None:
     assert not SI.keys() & FIELDS.keys()
     assert {quantity.same for quantity in SI.values()} <= FIELDS.keys()
     assert all(values.keys() - {"f_0"} <= FIELDS.keys() for values in (*STRINGS.values(), *HAIRS.values()))
+
+
+def test_a_bow_position_in_millimetres_is_a_share_of_the_length() -> None:
+    p = Parameters.from_mapping({"string": "violin_d_steel", "bow_distance": 32.5})
+    assert (p.string_length, p.beta) == (0.325, pytest.approx(0.1))
+    many = cells(Parameters.from_mapping({"string_length": 0.7}), {"bow_distance": [35.0, 70.0]})
+    assert many.value("bow_bridge") + many.value("bow_offset") == pytest.approx([0.05 * 139, 0.1 * 139])
+
+
+def test_a_note_is_higher_and_its_string_shorter_and_the_body_stays() -> None:
+    open_string = Parameters.from_mapping({"string": "violin_g", "body": "wolf_83", "body_scale": 0.5})
+    octave = open_string.replace(semitone=12)
+    assert octave.sample_rate / octave.period == pytest.approx(2 * 196)
+    assert octave.string_length == pytest.approx(0.16)
+    assert (octave.period, octave.z_0) == (139, 0.35)
+    notes = cells(open_string, {"semitone": [0.0, 1.0, 7.0, 12.0]})
+    assert notes.value("sample_rate") == pytest.approx(139 * 196 * 2 ** (np.array([0, 1, 7, 12]) / 12))
+    assert notes.value("sample_rate")[2] == open_string.replace(semitone=7).sample_rate
+    both = Parameters.from_mapping({"string": "violin_g", "semitone": 12, "bow_distance": 16})
+    assert both.beta == pytest.approx(0.1)
+    modes = cells(Parameters.from_mapping({"string": "violin_g", "body": "signature"}), {"semitone": [0.0, 12.0]})
+    assert modes.ends[0].body.modes == modes.ends[1].body.modes  # in Hz
+    assert modes.ends[0].body.sample_rate * 2 == pytest.approx(modes.ends[1].body.sample_rate)
+
+
+def test_values_in_si_units_come_back() -> None:
+    given = {"speed": 0.15, "force": 0.7, "bow_acceleration": 2.0, "v_0": 0.05, "f_0": 200.0, "bow_distance": 25.0}
+    p = Parameters.from_mapping({"string": "violin_g", "v_unit": 0.2, "gesture": "guettler", **given})
+    back = in_si(vars(p))
+    assert {name: back[name] for name in given} == pytest.approx(given)
+    assert back["beta"] == pytest.approx(p.beta)
+    assert in_si(vars(p.replace(gesture="exponential", friction="coulomb"))).keys() == {
+        *("f_0", "speed", "force", "beta", "bow_distance")
+    }
+    assert in_si(vars(Parameters())) == {}

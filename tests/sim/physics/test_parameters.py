@@ -27,7 +27,8 @@ def _values(name):
 
 FREE = sorted(set(FIELDS) - {"periods", "period", "bow_bridge", "mu_s", "mu_d", "v_mid", "v_b"})
 FREE = [name for name in FREE if not name.endswith("_function")]
-FREE = [name for name in FREE if name not in ("friction", "body", "body_modes", "hair_r")]  # these need others
+NEEDS_OTHERS = ("friction", "friction_curve", "body", "body_modes", "body_changes", "hair_r", "sustained")
+FREE = [name for name in FREE if name not in NEEDS_OTHERS]
 
 
 @given(st.fixed_dictionaries({}, optional={name: _values(name) for name in FREE}))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xxhash
 from bow_msgs.msg import Health, Plan, Receipt, Verdicts
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -265,3 +266,24 @@ def test_mismatched_bridge_force_is_refused() -> None:
 def test_identity_of_a_message() -> None:
     message = cdr.encode("BridgeForce", chunk()["BridgeForce"])
     assert cdr.identity(cdr.decode("BridgeForce", message)) == cdr.Identity("a" * 16, "b" * 16, 7, 4, 1)
+
+
+def test_verdicts_from_before_beats_and_transients_are_read_as_without_any() -> None:
+    cells = 3
+    values = values_of("Verdicts", np.random.default_rng(1), cells)
+    today = cdr.encode("Verdicts", values)
+    whole = cdr.decode("Verdicts", today)
+    before = today[: len(today) - 2 * (4 + 4 * cells)]
+    checksum = xxhash.xxh3_64_intdigest(before[covered(today) :], seed=(values["block"] << 32) | values["chunk"])
+    before = before[: covered(today) - 8] + checksum.to_bytes(8, "little") + before[covered(today) :]
+    back = cdr.unseal("Verdicts", before)
+    assert np.isnan(back["beat"]).all() and np.isnan(back["transient"]).all()
+    assert (back["beat"].dtype, len(back["beat"])) == (np.float32, cells)
+    assert back["confidence"].tobytes() == whole["confidence"].tobytes()
+    with pytest.raises(cdr.WireError, match="transient"):
+        cdr.unseal("Verdicts", today[:-1])
+
+
+def covered(data: bytes) -> int:
+    """Return the first byte of verdicts that their checksum covers."""
+    return cdr._decode("Verdicts", data, whole=False)[1]

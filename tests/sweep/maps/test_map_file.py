@@ -98,6 +98,8 @@ def test_the_coordinators_verdicts_become_a_map():
                 [NAMES.index("helmholtz" if test >= late else "aperiodic") for late in (0, 1, 2, 0)], np.uint8
             ),
             "confidence": np.ones(4, np.float32),
+            "beat": np.full(4, np.nan, np.float32),
+            "transient": np.full(4, np.nan, np.float32),
         }
         basin.take(test, np.arange(4, dtype=np.uint32), verdict)
     missing = np.arange(8) >= 3  # cell 3 has verdicts, but its block was given up
@@ -162,7 +164,58 @@ def test_helmholtz_motion_with_extra_slips_has_a_transient_length_like_any():
     basin = Basin(2, 1, 2)
     for test, names_ in enumerate((["aperiodic", "helmholtz_extra_slips"], ["helmholtz_extra_slips", "multiple_slip"])):
         verdict = dict.fromkeys(("correlation", "period", "slips", "corners", "confidence"), 1)
+        verdict |= dict.fromkeys(("beat", "transient"), np.nan)
         regime = np.array([NAMES.index(name) for name in names_], np.uint8)
         basin.take(test, np.arange(2), {**verdict, "regime": regime})
     assert basin.transient_periods.tolist() == [10, 5]
     assert basin.helmholtz_fraction() == 1
+
+
+def guettlers(tests=3):
+    """A map of Guettler's gesture: cell (0, 0) ends with 7.3 periods, (0, 1) was regular at once, (0, 2) never."""
+    from bow_sweep.maps.basin_map import Basin
+    from bow_sweep.maps.map_file import MapFile
+    from bow_sweep.plan.sweep import Sweep
+
+    sweep = Sweep.from_spec("", ["x.count=4", "y.count=2", "periods=15", "block_cells=4", "gesture=guettler"])
+    basin = Basin(4, 2, tests)
+    for test, transient in enumerate(([0, 0.01, 0, 2.5], [2.1, 0.01, 0, 2.5], [7.3, 0.01, 0, 2.5])):
+        verdict = dict.fromkeys(("correlation", "period", "slips", "corners", "confidence", "beat"), np.nan)
+        verdict |= {"slips": 5, "corners": 5, "regime": REGIMES.index("helmholtz"), "transient": transient}
+        basin.take(test, np.arange(4), verdict)
+    return basin, MapFile.of(sweep, basin, RUN, np.arange(8) >= 4)
+
+
+def test_the_transient_of_guettlers_gesture_is_that_of_the_latest_verdict_whatever_the_tests_say(tmp_path):
+    basin, result = guettlers()
+    assert result.transient_periods[0].tolist() == pytest.approx([7.3, 0.01, 0, 2.5])
+    assert basin.helmholtz_fraction() == 3 / 8
+    write_map_npz(tmp_path / "map.npz", result)
+    read = read_map_npz(tmp_path / "map.npz")
+    assert read.transient[:, 0, 0].tolist() == pytest.approx([0, 2.1, 7.3])
+    assert read.beat is None, "there is no wolf in the whole map"
+
+
+def test_the_transient_known_at_each_test_is_shown_at_that_test():
+    from bow_sweep.view.tests_over_time import at_each_test
+
+    _, result = guettlers()
+    shown = [snapshot.transient_periods[0, 0] for _, snapshot in at_each_test(result)]
+    assert shown[1:] == pytest.approx([0, 2.1, 7.3])
+
+
+def test_perfect_cells_are_counted_for_guettlers_gesture_only():
+    from bow_sweep.run.directory import findings
+
+    lengths, regimes = guettlers()[1].transient_periods, np.zeros(4, np.uint8)
+    assert findings(lengths, regimes, "guettler")["perfect_fraction"] == 1 / 8
+    assert "perfect_fraction" not in findings(lengths, regimes, "accelerate_to")
+
+
+def test_the_beats_of_wolves_are_kept(tmp_path):
+    beat = np.full((3, 4, 8), np.nan, np.float32)
+    beat[2, 1, 3] = 12.5
+    write_map_npz(tmp_path / "map.npz", replace(with_history(), beat=beat))
+    assert read_map_npz(tmp_path / "map.npz").beat[2, 1, 3] == 12.5
+    with pytest.raises(MapFileError, match="beat"):
+        write_map_npz(tmp_path / "map.npz", replace(with_history(), beat=beat[:2]))

@@ -32,6 +32,14 @@ def test_a_preset_is_the_papers_plane_and_survives_its_written_form(preset: str)
 def test_every_preset_survives_its_written_form(preset: str) -> None:
     sweep = Sweep.from_spec(preset)
     assert Sweep.from_spec("", sweep.settings()).sweep_id == sweep.sweep_id
+    assert Sweep.from_spec(preset, sweep.settings()).sweep_id == sweep.sweep_id  # as a goal has it
+
+
+def test_a_setting_takes_the_place_of_the_same_in_other_units_in_a_preset() -> None:
+    slow = Sweep.from_spec("schelleng_cello", ["speed=0.05"])
+    assert Sweep.from_spec("schelleng_cello", ["v_b=0.5"]).sweep_id == slow.sweep_id
+    near = Sweep.from_spec("guettler_cello", ["bow_distance=28"])
+    assert near.parameters.beta == pytest.approx(0.04)
 
 
 def test_thresholds_are_not_part_of_the_sweeps_identity_and_physics_is() -> None:

@@ -85,7 +85,7 @@ def same_as_kernel(found, topic, names):
 LAYERS = {
     "bridge_force": ("cells", "data"),
     "stick_slip": ("cells", "slipping", "offsets", "onset", "duration", "slip"),
-    "verdicts": ("correlation", "period", "slips", "corners", "regime", "confidence"),
+    "verdicts": ("correlation", "period", "slips", "corners", "regime", "confidence", "beat", "transient"),
 }
 
 

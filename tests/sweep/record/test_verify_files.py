@@ -61,6 +61,27 @@ def test_a_changed_axis_of_the_map_is_found(run, name):
     assert problems(run) == f"{name} differs from the plan"
 
 
+def test_a_changed_limit_of_the_map_is_found_and_a_rounding_is_none(tmp_path):
+    plane = ["x.name=bow_bridge", "x.scale=linear", "x.first=8", "x.last=11", "x.count=4", "y.name=f_asym",
+             "y.scale=log", "y.first=2", "y.last=9", "y.count=3"]  # fmt: skip
+    sweep = recording.small_sweep(*plane)
+    recording.record(tmp_path, sweep)
+    leave_all(tmp_path, sweep)
+    assert problems(tmp_path) == ""
+    with np.load(tmp_path / MAP) as file:
+        arrays = dict(file)
+    arrays["limit_schelleng_max_y"][1] *= 1 + 1e-14
+    np.savez(tmp_path / MAP, **arrays)
+    assert problems(tmp_path) == ""
+    arrays["limit_schelleng_max_y"][1] *= 1.001
+    np.savez(tmp_path / MAP, **arrays)
+    assert problems(tmp_path) == "limit_schelleng_max_y differs from the plan"
+    np.savez(tmp_path / MAP, **{name: each for name, each in arrays.items() if name != "limit_schelleng_max_y"})
+    assert problems(tmp_path) == "holds no limit_schelleng_max_y"
+    np.savez(tmp_path / MAP, **{name: each for name, each in arrays.items() if not name.startswith("limit_")})
+    assert problems(tmp_path) == ""  # a map from before there were limits
+
+
 def test_a_map_of_another_sweep_or_no_map_is_a_problem(run):
     leave_all(run, SWEEP)
     with np.load(run / MAP) as file:

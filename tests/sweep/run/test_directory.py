@@ -139,6 +139,8 @@ def verdict(regime: list[int]) -> dict:
         "corners": np.full(cells, 5),
         "regime": np.array(regime, np.uint8),
         "confidence": np.ones(cells, np.float32),
+        "beat": np.full(cells, np.nan, np.float32),
+        "transient": np.full(cells, np.nan, np.float32),
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bow_classifier.verdict.regimes import REGIMES
-from bow_sim.protocol.verdict_fields import PENDING
+from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 from bow_sweep.coordinator.results import map_of, write_results
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import compute
@@ -33,7 +33,7 @@ def settle(run: Run, basin: Basin, state: State = State.DONE) -> None:
         if block.state is State.DUE:
             cells = run.blocks.block(number)
             for test in range(2):
-                values = dict.fromkeys(("correlation", "period", "slips", "corners", "confidence"), 1)
+                values = {name: field.empty for name, field in VERDICT_FIELDS.items()}
                 basin.take(test, cells, {**values, "regime": terrain(cells)})
             run.ledger.blocks[number].state = state
             run.record([{"event": state.value, "block": number, "attempt": 1}])

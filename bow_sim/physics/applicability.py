@@ -1,0 +1,194 @@
+"""Which settings have an effect in a model, and what a user should know of a combination of settings.
+
+A setting without effect is no error by itself, as every setting has a value. But a map over it would show nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, NamedTuple
+
+from bow_sim.physics.body import LEFT_OUT, left_out, mode_setting, modes_of
+from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.instruments import BRIDGES, SI
+from bow_sim.physics.parameters import FIELDS, TORSION_REFLECTED, Parameters
+from bow_sim.physics.reflection import CREMER, ends
+
+LONGEST_STEP = 40e-6
+"""Seconds between two samples at most with thermal friction, whose contact warms within a few samples (PHYSICS.md
+section 13)."""
+
+
+class Condition(NamedTuple):
+    """Settings that have an effect only under a condition.
+
+    Parameters
+    ----------
+    names : tuple of str
+    needs : str
+        The condition in words: what would be right.
+    holds : callable
+        Returns whether it holds for `Parameters`, and the names of the settings that differ between cells.
+    """
+
+    names: tuple[str, ...]
+    needs: str
+    holds: Callable[[Parameters, frozenset[str]], bool]
+
+
+def _one_of(names: Iterable[str]) -> str:
+    return f"model={' or '.join(names)}"
+
+
+CONDITIONS = (
+    Condition(
+        ("hair_k",),
+        "bow hair: hair=NAME, or hair_r=NUMBER in kg/s",
+        lambda p, swept: p.hair_r > 0 or "hair_r" in swept,
+    ),
+    Condition(
+        ("rosin_t_g", "rosin_hot", "rosin_heat", "rosin_flow", "rosin_rest", "ribbon_width"),
+        "friction=thermal",
+        lambda p, _: p.friction == "thermal",
+    ),
+    Condition(("mu_d",), "friction=hyperbola or coulomb", lambda p, _: p.friction in ("hyperbola", "coulomb")),
+    Condition(("v_mid",), "friction=hyperbola", lambda p, _: p.friction == "hyperbola"),
+    Condition(("mu_s",), "a friction law without a curve of its own", lambda p, _: p.friction != "curve"),
+    Condition(("body_scale",), "a body: body=NAME, or body_modes=f/Q/m, ...", lambda p, _: _has_body(p)),
+    Condition(
+        ("torsion_admittance",),
+        _one_of(("torsion_absorbed", *TORSION_REFLECTED)),
+        lambda p, _: p.model in ("torsion_absorbed", *TORSION_REFLECTED),
+    ),
+    Condition(
+        ("torsion_speed", "torsion_width", "torsion_gain"),
+        _one_of(TORSION_REFLECTED),
+        lambda p, _: p.model in TORSION_REFLECTED and not (p.torsion_bridge_function and p.torsion_nut_function),
+    ),
+    Condition(
+        ("torsion_half",),
+        _one_of(("rounded_corner", *TORSION_REFLECTED)),
+        lambda p, _: p.model in ("rounded_corner", *TORSION_REFLECTED),
+    ),
+    Condition(
+        ("bridge_r", "bridge_w_c"),
+        f"{_one_of(CREMER)}, without a bridge_function",
+        lambda p, _: p.model in CREMER and not p.bridge_function,
+    ),
+    Condition(
+        ("stiffness_b", "nut_cutoff", "nut_power"),
+        "model=stiff_cremer, without a nut_function",
+        lambda p, _: p.model == "stiff_cremer" and not p.nut_function,
+    ),
+    Condition(("nut_gain", "bridge_gain"), "model=raman", lambda p, _: p.model == "raman"),
+    Condition(("corner_width",), "model=rounded_corner", lambda p, _: p.model == "rounded_corner"),
+    Condition(("tau_v",), "gesture=martele", lambda p, _: p.gesture == "martele"),
+    Condition(
+        ("acceleration",),
+        "gesture=guettler or accelerate_to",
+        lambda p, _: p.gesture in ("guettler", "accelerate_to"),
+    ),
+)
+"""What settings need; those of single modes are checked by :mod:`bow_sim.physics.body`."""
+
+EXTRAS = ("hair_", "rosin_", "ribbon_", "body_", "tau_v", "acceleration")
+"""Beginnings of settings that nobody gives without meaning them; others come with the preset of a string, too."""
+
+
+def check_axes(p: Parameters, names: Iterable[str]) -> None:
+    """Raise an error if a setting that differs between the cells of a map has no effect in them.
+
+    Parameters
+    ----------
+    p : Parameters
+        What all cells share.
+    names : iterable of str
+        The settings along x and y.
+
+    Raises
+    ------
+    ParameterError
+        Naming axis and setting, and what it needs.
+    """
+    axes = dict(zip("xy", names, strict=False))
+    swept = frozenset(axes.values())
+    for key, name in axes.items():
+        if mode_setting(name) and not _has_body(p):
+            needs = "a body: body=NAME, or body_modes=f/Q/m, ..."
+            raise ParameterError(f"{key}.name = {name!r}: has no effect here; it needs {needs}")
+        same = SI[name].same if name in SI else name
+        for condition in CONDITIONS:
+            if same in condition.names and not condition.holds(p, swept):
+                raise ParameterError(f"{key}.name = {name!r}: has no effect here; it needs {condition.needs}")
+
+
+def notes(p: Parameters) -> tuple[str, ...]:
+    """Return what is allowed, but perhaps not meant, each as a line for the user."""
+    found = [
+        f"{name} = {getattr(p, name):g}: has no effect here; it needs {condition.needs}"
+        for condition in CONDITIONS
+        for name in condition.names
+        if name.startswith(EXTRAS) and getattr(p, name) != FIELDS[name].default and not condition.holds(p, frozenset())
+    ]
+    if (missing := left_out(p)) > 0:
+        found.append(
+            f"body: {missing} mode{'s'[: missing != 1]} above {LEFT_OUT:g} of the sample rate "
+            f"({LEFT_OUT * p.sample_rate:.0f} Hz): left out"
+        )
+    surrogate = BRIDGES["surrogate"]
+    bridge = {"bridge_r": p.bridge_r, "bridge_w_c": p.bridge_w_c}
+    if bridge == surrogate and p.model in CREMER and not p.bridge_function and modes_of(p) and p.body_scale:
+        found.append(
+            "body: bridge=surrogate (the default) has the losses of a violin's body already, so the body counts twice; "
+            "bridge=rigid leaves all of it to the modes"
+        )
+    if p.friction == "thermal" and p.sample_rate * LONGEST_STEP < 1:
+        f_0 = p.sample_rate / p.period
+        found.append(
+            f"friction=thermal: {1e6 / p.sample_rate:.0f} us between two samples: should be at most "
+            f"{1e6 * LONGEST_STEP:.0f}, as the contact warms within a few samples; "
+            f"period={math.ceil(1 / (LONGEST_STEP * f_0))} for {f_0:g} Hz"
+        )
+    return tuple(found)
+
+
+def notes_of_map(p: Parameters, x: Any, y: Any) -> tuple[str, ...]:
+    """Return the notes of the cells at the corners of a map, each once.
+
+    Parameters
+    ----------
+    p : Parameters
+        What all cells share.
+    x, y : Axis
+        With `name`, `first` and `last`.
+    """
+    return tuple(dict.fromkeys(note for _, corner in _corners(p, x, y) for note in notes(corner)))
+
+
+def check_strings(p: Parameters, x: Any, y: Any) -> None:
+    """Raise an error if the reflection functions of the cells at the corners of a map cannot be computed.
+
+    A round trip may be too short for them, which its number of samples alone does not show. Parameters as in
+    :func:`notes_of_map`.
+
+    Raises
+    ------
+    ParameterError
+        Naming the corner, and what is too short.
+    """
+    for where, corner in _corners(p, x, y):
+        try:
+            ends(corner)
+        except ParameterError as error:
+            raise ParameterError(f"{where}: {error}") from None
+
+
+def _corners(p: Parameters, x: Any, y: Any) -> Iterator[tuple[str, Parameters]]:
+    for a in ("first", "last"):
+        for b in ("first", "last"):
+            yield f"at x.{a} and y.{b}", p.replace(**{x.name: getattr(x, a), y.name: getattr(y, b)})
+
+
+def _has_body(p: Parameters) -> bool:
+    return p.body != "none" or bool(p.body_modes)

@@ -1,0 +1,113 @@
+"""When the motions of repeats part from those of their cells (PHYSICS.md section 15)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bow_sweep.cell.waveform import CellError, Waveform
+
+if TYPE_CHECKING:
+    from bow_sweep.cell.from_bag import BagCells
+
+APART = 3
+"""Onsets of slips that differ by more samples than this are different."""
+
+Onsets = NDArray[np.int64]
+
+
+def parting(one: Waveform, other: Waveform, period: int) -> float:
+    """Return after how many nominal periods two motions part; infinity where they do not, see :func:`first_apart`."""
+    first, second = (np.asarray(wave.onsets, np.int64) for wave in (one, other))
+    return first_apart(first, second) / period
+
+
+def first_apart(first: Onsets, second: Onsets) -> float:
+    """Return the first onset of a slip that differs between two motions, in samples; infinity where none does.
+
+    The slips are compared in their order. Where one motion has no further slip, they part at the next slip of the
+    other.
+
+    Parameters
+    ----------
+    first, second
+        (slips,) onsets since the start, in samples.
+    """
+    both = min(len(first), len(second))
+    apart = np.flatnonzero(np.abs(first[:both] - second[:both]) > APART)
+    if len(apart):
+        return float(min(first[apart[0]], second[apart[0]]))
+    longer = first if len(first) > both else second
+    return float(longer[both]) if len(longer) > both else np.inf
+
+
+def partings(bag: BagCells, progress: Callable[[float, float], object] | None = None) -> NDArray[np.float32]:
+    """Return when the motion of every repeat of a run parts from that of its cell.
+
+    Parameters
+    ----------
+    bag
+        Of a run with repeats. All of its slips are read, and their checksums computed again.
+    progress
+        Called with (done, total).
+
+    Returns
+    -------
+    ndarray, shape (repeats, ny, nx)
+        Nominal periods; infinity = never, NaN where one of the two motions is not whole in the bag.
+    """
+    outline = bag.outline
+    cells, ny_nx = outline.plane_cells, outline.shape
+    found = np.full(outline.cells - cells, np.nan, np.float32)
+    itself: dict[int, Onsets] = {}
+    for block in range(outline.blocks):
+        numbers = outline.block(block).tolist()
+        try:
+            own = onsets_of(bag, block)
+        except CellError:
+            own = []
+        for number, onsets in zip(numbers, own, strict=False):
+            if number < cells:
+                itself[number] = onsets
+            elif number % cells in itself:
+                found[number - cells] = first_apart(itself[number % cells], onsets) / outline.parameters.period
+        if progress is not None:
+            progress(block + 1, outline.blocks)
+    return found.reshape(-1, *ny_nx)
+
+
+def onsets_of(bag: BagCells, block: int) -> list[Onsets]:
+    """Return the onsets of the slips of the cells of a block, samples since the start; a slip that chunks cut is one.
+
+    Raises
+    ------
+    DamagedCell
+        Where a message is missing, or its checksum does not hold.
+    """
+    rows, onsets = [], []
+    for chunk in range(bag.outline.chunks):
+        slips = bag.stick_slip(block, chunk)
+        offsets = np.asarray(slips["offsets"], np.int64)
+        row = np.repeat(np.arange(len(offsets) - 1), offsets[1:] - offsets[:-1])
+        onset = np.asarray(slips["onset"], np.int64)
+        fresh = (onset > 0) | ~np.asarray(slips["slipping"], bool)[row]  # else the slip began in the chunk before
+        fresh |= chunk == 0
+        rows.append(row[fresh])
+        onsets.append(onset[fresh] + chunk * bag.outline.chunk_samples)
+    row, onset = np.concatenate(rows), np.concatenate(onsets)
+    order = np.argsort(row, kind="stable")
+    ends = np.cumsum(np.bincount(row, minlength=bag.outline.planned.size(block)))
+    return np.split(onset[order], ends[:-1])
+
+
+def median_parting(found: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the median over the repeats, (ny, nx), from (repeats, ny, nx); the lower one of two, so never halfway.
+
+    NaN where the parting of no repeat is known.
+    """
+    ordered = np.sort(found, axis=0)  # NaN comes last, behind infinity
+    known = np.count_nonzero(~np.isnan(found), axis=0)
+    return np.take_along_axis(ordered, (np.maximum(known, 1) - 1)[None] // 2, axis=0)[0]
