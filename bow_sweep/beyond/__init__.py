@@ -6,6 +6,7 @@ claims_wolf       the wolf, and a mode near the note
 claims_guettler   Guettler's plane
 claims_schelleng  limits of force, and note by note
 claims_thermal    thermal friction under a bowed string
+claims_chaos      repeats, edges and exponents
 sweeps            the runs that claims are about
 formulas          limits and frequencies in closed form
 measures          limits of rows, beats, edges of maps

@@ -6,18 +6,16 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.physics.parameters import Parameters
-from bow_sim.physics.reflection import ends
-from bow_sweep.beyond.cells import compute
 from bow_sweep.beyond.claim import Claims, Finding, Maps, Point
 from bow_sweep.beyond.drawing import BLUE, GREEN, MUTED, ORANGE
 from bow_sweep.beyond.formulas import greatest_force, least_force
 from bow_sweep.beyond.measures import lower_limit, rank_correlation, upper_limit
 from bow_sweep.beyond.sweeps import SPEEDS
 from bow_sweep.maps.map_file import MapFile
+from bow_sweep.plan.sweep import Sweep
 
 CLAIMS = Claims()
 claim = CLAIMS.claim
@@ -129,14 +127,6 @@ def _schelleng_upper(maps: Maps) -> Finding:
 
 # Sustained
 
-SUSTAINED, TAU = 0.6, 1500.0
-"""Initial force over Schelleng's maximum, and time constant with which it goes to its final value, samples."""
-
-
-def sustained(p: Parameters, forces: NDArray[np.float64], start: float) -> NDArray[np.bool_]:
-    """Return whether Helmholtz motion holds at some final forces, where the force comes from another one."""
-    return is_helmholtz(compute(p, {"f_asym": forces, "f_init_ratio": start / forces}).regime[-1])
-
 
 @claim(
     "f-max",
@@ -145,14 +135,14 @@ def sustained(p: Parameters, forces: NDArray[np.float64], start: float) -> NDArr
     "theory",
     "v_b/(Y beta (mu_s - mu_d)); slope of its logarithm over that of beta near -0.9",
     "20 %; slope within 0.15, as much as 20 % at one end make over this range",
+    "f_max",
 )
 def _f_max(maps: Maps) -> Finding:
+    plane = maps["f_max"]
     found, formula = {}, {}
-    for bridge in range(5, 11):
-        p = Parameters.from_mapping({"v_mid": 0.2, "periods": 100, "tau_f": TAU, "bow_bridge": bridge})
-        formula[bridge] = greatest_force(p)
-        forces = formula[bridge] * np.linspace(0.6, 1.4, 81)
-        found[bridge] = upper_limit(forces, sustained(p, forces, SUSTAINED * formula[bridge]))
+    for bridge, row in zip(plane.y.astype(int).tolist(), is_helmholtz(plane.regime), strict=True):
+        formula[bridge] = greatest_force(Parameters(bow_bridge=bridge))
+        found[bridge] = upper_limit(plane.x, row)
     ratio = {bridge: found[bridge] / formula[bridge] for bridge in found}
     slope = float(np.polyfit(np.log(list(found)), np.log(list(found.values())), 1)[0])
     points = (
@@ -172,7 +162,7 @@ def _f_max(maps: Maps) -> Finding:
     return Finding(words, points, draw)
 
 
-STEEL_BETAS = (0.06, 0.08, 0.1, 0.12, 0.14, 0.16)
+STEEL_MAPS = tuple(f"steel_{speed:g}" for speed in SPEEDS)
 STEEL_UPPER = {0.05: 1.0, 0.1: 0.73, 0.2: 0.75}
 """Bow speed (m/s) -> measured F_max beta/v of the steel D string, kg/s."""
 
@@ -186,29 +176,16 @@ STEEL_UPPER = {0.05: 1.0, 0.1: 0.73, 0.2: 0.75}
     "factor 4 of speed (measured: not at all; Schelleng: 4)",
     "mean over beta at each speed 0.8 to 1.25, near within 0.2 of that; ratio of F_min at 0.2 and 0.05 m/s, mean over "
     "beta, below 3",
+    *STEEL_MAPS,
 )
 def _steel_d(maps: Maps) -> Finding:
-    scaled = np.geomspace(0.01, 2.5, 72)  # F beta/v
-    lower, upper = np.full((3, len(STEEL_BETAS)), np.nan), np.full((3, len(STEEL_BETAS)), np.nan)
-    for i, speed in enumerate(SPEEDS):
-        p = Parameters.from_mapping(
-            {
-                "string": "violin_d_steel",
-                "bridge": "monochord",
-                "v_unit": speed,
-                "friction": "thermal",
-                "rosin": "rosin",
-                "tau_f": TAU,
-                "periods": 100,
-            }
-        )
-        betas, forces = (part.ravel() for part in np.meshgrid(STEEL_BETAS, scaled, indexing="ij"))
-        # Schelleng's maximum with the whole fall of friction, cold to hot, as force times beta over speed
-        most = p.y_t * p.z_0 / (float(ends(p).y) * p.mu_s * (1 - p.rosin_hot))
-        lanes = {"beta": betas, "force": forces * speed / betas, "f_init_ratio": SUSTAINED * most / forces}
-        rows = is_helmholtz(compute(p, lanes).regime[-1]).reshape(len(STEEL_BETAS), -1)
-        for j, (beta, row) in enumerate(zip(STEEL_BETAS, rows, strict=True)):
-            lower[i, j], upper[i, j] = lower_limit(scaled, row) * speed / beta, upper_limit(scaled, row)
+    betas = maps[STEEL_MAPS[0]].y
+    lower, upper = np.full((3, len(betas)), np.nan), np.full((3, len(betas)), np.nan)
+    for i, (speed, name) in enumerate(zip(SPEEDS, STEEL_MAPS, strict=True)):
+        plane = maps[name]
+        for j, row in enumerate(is_helmholtz(plane.regime)):
+            lower[i, j] = lower_limit(plane.x, row)
+            upper[i, j] = upper_limit(plane.x, row) * betas[j] / speed
     means = np.nanmean(upper, axis=1)
     ratio = float(np.exp(np.nanmean(np.log(lower[2] / lower[0]))))
     points = (
@@ -222,11 +199,11 @@ def _steel_d(maps: Maps) -> Finding:
 
     def draw(axes: Any) -> None:
         for i, colour in enumerate((BLUE, GREEN, ORANGE)):
-            axes.loglog(STEEL_BETAS, lower[i], ".-", color=colour, label=f"{SPEEDS[i]:g} m/s")
-            axes.loglog(STEEL_BETAS, upper[i] * SPEEDS[i] / np.array(STEEL_BETAS), ".-", color=colour)
-            measured = STEEL_UPPER[SPEEDS[i]] * SPEEDS[i] / np.array(STEEL_BETAS)
-            axes.loglog(STEEL_BETAS, measured, ":", color=colour, label="measured F_max" if not i else None)
-        axes.set_xticks(STEEL_BETAS, [f"{beta:g}" for beta in STEEL_BETAS])
+            axes.loglog(betas, lower[i], ".-", color=colour, label=f"{SPEEDS[i]:g} m/s")
+            axes.loglog(betas, upper[i] * SPEEDS[i] / betas, ".-", color=colour)
+            measured = STEEL_UPPER[SPEEDS[i]] * SPEEDS[i] / betas
+            axes.loglog(betas, measured, ":", color=colour, label="measured F_max" if not i else None)
+        axes.set_xticks(betas, [f"{beta:g}" for beta in betas])
         axes.minorticks_off()
         axes.set(xlabel="beta", ylabel="bow force, N")
         axes.legend(loc="lower left", ncols=2)
@@ -236,23 +213,12 @@ def _steel_d(maps: Maps) -> Finding:
 
 # Note by note
 
-NOTES, OPEN = 25, 196.0
-NOTE_FORCES = np.geomspace(0.08, 8.0, 21)
+OPEN = 196.0
 HARDEST = (14, 15, 17, 18)
 """Semitones above G: 440 and 466 Hz, 523 and 554 Hz."""
 
 EASIEST = 8
 """311 Hz."""
-
-
-def _by_note(base: dict[str, Any], frequencies: NDArray[np.float64]) -> NDArray[np.bool_]:
-    f_0, forces = (part.ravel() for part in np.meshgrid(frequencies, NOTE_FORCES, indexing="ij"))
-    lanes = {"f_0": f_0, "f_asym": forces, "f_init_ratio": 7.0 / forces}
-    return is_helmholtz(compute(Parameters.from_mapping(base), lanes).regime[-1]).reshape(len(frequencies), -1)
-
-
-def _formulas(base: dict[str, Any], frequencies: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.array([least_force(Parameters.from_mapping({**base, "f_0": f})) for f in frequencies.tolist()])
 
 
 @claim(
@@ -264,22 +230,17 @@ def _formulas(base: dict[str, Any], frequencies: NDArray[np.float64]) -> NDArray
     "Schelleng's minimum 0.81",
     "the correlation above 0.7; the four notes are the four with the most failing forces (near: three of them); none "
     "has fewer than 311 Hz (near: two fewer)",
+    "stoppani",
+    "stoppani_b",
 )
 def _stoppani_notes(maps: Maps) -> Finding:
-    frequencies = OPEN * 2 ** (np.arange(NOTES) / 12)
-    base = {
-        "string": "violin_g",
-        "v_unit": 0.1,
-        "bridge": "rigid",
-        "body": "stoppani",
-        "v_mid": 0.2,
-        "tau_f": TAU,
-        "periods": 80,
-    }
-    success = _by_note(base, frequencies)
+    plane = maps["stoppani"]
+    frequencies = OPEN * 2 ** (plane.y / 12)
+    success = is_helmholtz(plane.regime)
     failing = (~success).sum(axis=1)
-    formula = _formulas(base, frequencies)
-    stiffer = rank_correlation((~_by_note({**base, "stiffness_b": 5e-5}, frequencies)).sum(axis=1), formula)
+    p = Sweep.from_spec("", plane.settings).parameters
+    formula = np.array([least_force(p.replace(f_0=f)) for f in frequencies.tolist()])
+    stiffer = rank_correlation((~is_helmholtz(maps["stoppani_b"].regime)).sum(axis=1), formula)
     correlation = rank_correlation(failing, formula)
     bar = np.sort(failing)[-len(HARDEST)]
     hard = sum(bool(failing[note] >= bar) for note in HARDEST)
@@ -295,10 +256,10 @@ def _stoppani_notes(maps: Maps) -> Finding:
     words += f"({stiffer:.2f} with the paper's stiffness, B = 5e-5)"
 
     def draw(axes: Any) -> None:
-        x, y = np.meshgrid(np.arange(NOTES), NOTE_FORCES, indexing="ij")
+        x, y = np.meshgrid(plane.y, plane.x, indexing="ij")
         axes.plot(x[success], y[success], "o", color=BLUE, ms=2.8, label="Helmholtz")
         axes.plot(x[~success], y[~success], "o", color=ORANGE, ms=2.8, mfc="none", mew=0.5, label="other")
-        axes.plot(np.arange(NOTES), formula, color=MUTED, lw=1.2, label="minimum by the formula")
+        axes.plot(plane.y, formula, color=MUTED, lw=1.2, label="minimum by the formula")
         axes.set(yscale="log", xlabel="semitones above G (196 Hz)", ylabel="bow force, v_b impedance", ylim=(0.06, 25))
         axes.legend(loc="upper left", ncols=3)
 

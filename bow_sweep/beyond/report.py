@@ -11,7 +11,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bow_sim.atomic_files import replacing
-from bow_sweep.beyond import claims_guettler, claims_linear, claims_schelleng, claims_thermal, claims_wolf
+from bow_sweep.beyond import (
+    claims_chaos,
+    claims_guettler,
+    claims_linear,
+    claims_schelleng,
+    claims_thermal,
+    claims_wolf,
+)
 from bow_sweep.beyond.claim import GRADES, MET, MISSED, NEAR, NEEDS_RUNS, REPORTED, VERDICTS, Claim, Finding, Maps, Row
 
 FIGURES = "figures"
@@ -21,7 +28,7 @@ PAGE = "index.html"
 
 CLAIMS: tuple[Claim, ...] = tuple(
     claim
-    for part in (claims_linear, claims_wolf, claims_guettler, claims_schelleng, claims_thermal)
+    for part in (claims_linear, claims_wolf, claims_guettler, claims_schelleng, claims_thermal, claims_chaos)
     for claim in part.CLAIMS.all
 )
 """All claims, in the order of the table."""

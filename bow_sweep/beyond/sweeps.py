@@ -98,6 +98,40 @@ def _schelleng(speed: float, *settings: str) -> Wanted:
 SPEEDS = (0.05, 0.1, 0.2)
 """Bow speeds of the measured Schelleng planes, m/s."""
 
+STEEL_BETA = (0.06, 0.16)
+"""First and last bow position on the steel D string."""
+
+
+def _steel(speed: float) -> Wanted:
+    ends = (0.02 * speed / STEEL_BETA[1], 2.0 * speed / STEEL_BETA[0])
+    axes = _axis("x", "force", "log", *ends, 80) + _axis("y", "beta", "linear", *STEEL_BETA, 6)
+    start = ("string=violin_d_steel", f"v_unit={speed!r}", "bridge=monochord", "periods=100", *SUSTAINED)
+    return Wanted("", (*start, *THERMAL, *axes), ("x.count=24", "y.count=2"))
+
+
+SUSTAINED = ("sustained=0.6", "tau_f=1500.0")
+"""A force that comes from 0.6 of Schelleng's maximum."""
+
+JITTERS = {f"repeats_{jitter:.0e}": jitter for jitter in (1e-6, 1e-4, 1e-3, 1e-2)}
+"""Sweep -> jitter of its repeats."""
+
+EDGES = {
+    "edge_1": "stiff -2, f 8",
+    "edge_2": "stiff 0.9, f 3.7",
+    "edge_3": "stiff 0.2, f 1.2",
+    "edge_4": "delta 0.2, f 2",
+    "edge_5": "delta -2, f 3",
+}
+"""Sweep along the ratio of the forces -> model, v_mid and force."""
+
+
+def _edge(title: str) -> Wanted:
+    words = title.replace(",", "").split()
+    force = float(words[3])
+    axes = _axis("x", "f_init_ratio", "linear", 0.02, 2.0, 24) + _axis("y", "f_asym", "linear", force, force, 1)
+    return Wanted("", (f"model={words[0]}_cremer", f"v_mid={words[1]}", "periods=100", *axes))
+
+
 SWEEPS: dict[str, Wanted] = {
     "wolf": Wanted(
         "",
@@ -133,6 +167,60 @@ SWEEPS: dict[str, Wanted] = {
         f"schelleng_hyperbola_{speed:g}": _schelleng(speed, "friction=hyperbola", "mu_s=0.8", "mu_d=0.3", "v_0=0.1")
         for speed in SPEEDS
     },
+    "least_force": Wanted(
+        "",
+        (
+            "v_mid=0.2",
+            "periods=150",
+            "body=wolf_83",
+            "sustained=0.698",  # f = 8 at the paper's bow position
+            "tau_f=2500.0",
+            *_axis("x", "f_asym", "log", 0.2, 8.0, 80),
+            *_axis("y", "body_1_ratio", "linear", 0.8, 1.25, 10),
+        ),
+        ("x.count=40",),
+    ),
+    "f_max": Wanted(
+        "",
+        (
+            "v_mid=0.2",
+            "periods=100",
+            *SUSTAINED,
+            *_axis("x", "f_asym", "log", 8.0, 48.0, 81),
+            *_axis("y", "bow_bridge", "linear", 5.0, 10.0, 6),
+        ),
+        ("x.count=40",),
+    ),
+    "stoppani": Wanted(
+        "playability",
+        (*_axis("x", "f_asym", "log", 0.08, 8.0, 21), *_axis("y", "semitone", "linear", 0.0, 24.0, 25)),
+        ("x.count=15",),
+    ),
+    "stoppani_b": Wanted(
+        "playability",
+        (
+            "stiffness_b=5e-05",
+            *_axis("x", "f_asym", "log", 0.08, 8.0, 21),
+            *_axis("y", "semitone", "linear", 0.0, 24.0, 25),
+        ),
+        ("x.count=15",),
+    ),
+    **{f"steel_{speed:g}": _steel(speed) for speed in SPEEDS},
+    **{
+        name: Wanted(
+            "",
+            (
+                "v_mid=0.2",
+                "repeats=2",
+                f"jitter={jitter!r}",
+                *_axis("x", "f_asym", "log", 0.5, 20.0, 16),
+                *_axis("y", "f_init_ratio", "linear", 0.0, 2.0, 8),
+            ),
+            ("x.count=8", "y.count=4"),
+        )
+        for name, jitter in JITTERS.items()
+    },
+    **{name: _edge(title) for name, title in EDGES.items()},
 }
 """The sweeps by name, in the order in which they are run."""
 

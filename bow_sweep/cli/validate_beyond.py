@@ -38,7 +38,9 @@ def validate_beyond(args: argparse.Namespace) -> int:
         if key not in keys:
             return fail(f"--claim {key}: no such claim; one of {', '.join(keys)}")
     if args.runs or args.json or args.markdown:
-        return fail(f"--beyond makes its own runs in --out DIR, and writes its table there; give no RUN, --json or --markdown with it")
+        return fail(
+            "--beyond makes its own runs in --out DIR and writes its table there; give no RUN, --json or --markdown"
+        )
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
     needed = {name for claim in CLAIMS if not args.claim or claim.key in args.claim for name in claim.needs}

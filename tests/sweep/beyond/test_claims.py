@@ -125,8 +125,8 @@ def test_the_page_has_a_row_a_figure_and_the_numbers_of_each_claim(tmp_path: Pat
     ("words", "message"),
     [
         (["--claim", "wolf"], "--claim wolf: no such claim; one of off, "),
-        (["some-run"], "--beyond makes its own runs in --out DIR, and writes its table there; give no RUN"),
-        (["--json", "f.json"], "give no RUN, --json or --markdown with it"),
+        (["some-run"], "--beyond makes its own runs in --out DIR and writes its table there; give no RUN"),
+        (["--json", "f.json"], "give no RUN, --json or --markdown"),
         (["--simulators", "0"], "--simulators 0: should be at least 1"),
         (["--out", "file"], "--out file: is a file; should be a directory"),
         (["--out", "other", "--small"], "other/mode_at_f_0: not the sweep mode_at_f_0: v_mid = 0.9, should be 0.2"),
