@@ -127,9 +127,8 @@ EDGES = {
 
 def _edge(title: str) -> Wanted:
     words = title.replace(",", "").split()
-    axes = _axis("x", "f_init_ratio", "linear", 0.02, 2.0, 24) + _axis(
-        "y", "f_asym", "linear", *[float(words[3])] * 2, 1
-    )
+    force = float(words[3])
+    axes = _axis("x", "f_init_ratio", "linear", 0.02, 2.0, 24) + _axis("y", "f_asym", "linear", force, force, 1)
     return Wanted("", (f"model={words[0]}_cremer", f"v_mid={words[1]}", "periods=100", *axes))
 
 
