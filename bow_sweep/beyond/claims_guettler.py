@@ -104,7 +104,7 @@ def _draw_ideal(regions: list[_Region], axes: Any) -> None:
         axes.plot(good, np.full(len(good), i), ".", color=BLUE, ms=3, label=None if i else "two regular periods")
     axes.set_yticks(range(len(regions)), [r.name for r in regions], fontsize=5)
     axes.set(xlabel="acceleration / a_low")
-    axes.legend(loc="lower right", fontsize=7)
+    axes.legend(loc="upper right", fontsize=7)
 
 
 # The cello
