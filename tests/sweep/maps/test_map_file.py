@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from example_maps import REGIMES, RUN, SWEEP, map_file
 
+from bow_sim.protocol.repeats import NO_REPEATS
 from bow_sweep.maps.map_file import TESTS, MapFileError, read_map_npz, write_map_npz
 
 
@@ -208,8 +209,8 @@ def test_perfect_cells_are_counted_for_guettlers_gesture_only():
     from bow_sweep.run.directory import findings
 
     lengths, regimes = guettlers()[1].transient_periods, np.zeros(4, np.uint8)
-    assert findings(lengths, regimes, "guettler")["perfect_fraction"] == 1 / 8
-    assert "perfect_fraction" not in findings(lengths, regimes, "accelerate_to")
+    assert findings(lengths, regimes, "guettler", NO_REPEATS, None)["perfect_fraction"] == 1 / 8
+    assert "perfect_fraction" not in findings(lengths, regimes, "accelerate_to", NO_REPEATS, None)
 
 
 def test_the_beats_of_wolves_are_kept(tmp_path):
