@@ -310,8 +310,7 @@ def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]
     try:
         return text[:-1].decode(), at + length
     except UnicodeDecodeError as error:
-        where = at + len(ENCAPSULATION)
-        raise WireError(f"{name}.{field}: the string at byte {where} is not UTF-8: {error}") from None
+        raise WireError(f"{name}.{field}: the string at byte {at + len(ENCAPSULATION)} is not UTF-8: {error}") from None
 
 
 HELLO_BYTES = 400
