@@ -205,8 +205,8 @@ class FileChecks:
             "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
             "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
         }
-        if "notes" in given:  # older reports have none
-            right["notes"] = notes_of_map(self.expected.parameters, self.expected.x, self.expected.y)
+        if "notes" in given:  # older runs have none
+            right["notes"] = list(notes_of_map(self.expected.parameters, self.expected.x, self.expected.y))
         if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which are not in the bag
             given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
         if isinstance(given.get("regimes"), dict):  # an older run knows the first of them only
