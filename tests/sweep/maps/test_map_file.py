@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from example_maps import REGIMES, RUN, SWEEP, map_file
 
-from bow_sim.protocol.repeats import NO_REPEATS
 from bow_sweep.maps.map_file import TESTS, MapFileError, read_map_npz, write_map_npz
 
 
