@@ -129,7 +129,7 @@ def test_every_entry_of_the_report_that_the_bag_knows_is_held_against_it(run):
         (run / REPORT).write_text(json.dumps({**right, name: 7.5}))
         assert problems(run).startswith(f"{name} is 7.5, in the bag it is "), name
         (run / REPORT).write_text(json.dumps({key: value for key, value in right.items() if key != name}))
-        assert problems(run) == f"holds no {name}"
+        assert problems(run) == ("" if name == "notes" else f"holds no {name}")  # reports of older runs have no notes
 
 
 def test_a_changed_number_of_the_report_is_found(run):
