@@ -11,16 +11,20 @@ tables       a map as a file: netCDF, CSV, Parquet
 pictures     a map as a picture for a paper
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
+recordings   a measured bridge force judged
+force_slips  the slips of a string, from its bridge force alone
 optional     libraries that not every installation has
 
 Public names, imported when they are first used:
 
 Cell         one cell of a map
 Comparison   how maps differ in playability and in settings
+Judged       what is found in a measured bridge force
 Map          a map: what a sweep found
 Measured     a measure of a map, with its uncertainty
 Picture      a picture; a notebook shows it
 Sound        a sound; a notebook plays it
+classify     judges a measured bridge force
 compare      compares maps
 open         opens a recorded run
 sweep        computes a map in this process
@@ -36,6 +40,8 @@ if TYPE_CHECKING:
     from bow.found import Measured as Measured
     from bow.maps import Map as Map
     from bow.maps import open_run as open
+    from bow.recordings import Judged as Judged
+    from bow.recordings import classify as classify
     from bow.shown import Picture as Picture
     from bow.shown import Sound as Sound
     from bow.sweeps import sweep as sweep
@@ -43,16 +49,30 @@ if TYPE_CHECKING:
 _PLACES = {
     "Cell": "bow.cells:Cell",
     "Comparison": "bow.comparison:Comparison",
+    "Judged": "bow.recordings:Judged",
     "Map": "bow.maps:Map",
     "Measured": "bow.found:Measured",
     "Picture": "bow.shown:Picture",
     "Sound": "bow.shown:Sound",
+    "classify": "bow.recordings:classify",
     "compare": "bow.comparison:compare",
     "open": "bow.maps:open_run",
     "sweep": "bow.sweeps:sweep",
 }
 
-__all__ = ["Cell", "Comparison", "Map", "Measured", "Picture", "Sound", "compare", "open", "sweep"]
+__all__ = [
+    "Cell",
+    "Comparison",
+    "Judged",
+    "Map",
+    "Measured",
+    "Picture",
+    "Sound",
+    "classify",
+    "compare",
+    "open",
+    "sweep",
+]
 
 
 def __getattr__(name: str) -> Any:

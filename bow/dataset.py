@@ -41,6 +41,11 @@ ABOUT: dict[str, tuple[str, str]] = {
     "flattening": ("how far Helmholtz motion at the last test is below nominal pitch; NaN elsewhere", "cents"),
     "count": ("number that belongs to the name of the regime at the last test", "1"),
     "terrain": ("terrain around the cell", ""),
+    "reliability": ("share of the repeats that end in the regime of the cell; NaN = not known", "1"),
+    "same_transient": ("share of the repeats that have the transient length of the cell; NaN = not known", "1"),
+    "repeats_done": ("repeats that are done", "1"),
+    "transient_low": ("10th percentile of the repeats' transient lengths; 0 = never", "periods"),
+    "transient_high": ("90th percentile of the repeats' transient lengths; 0 = never", "periods"),
 }
 """Long name and unit of each layer. A layer that is not listed has its own name."""
 
@@ -76,7 +81,8 @@ def _layers(found: MapFile) -> dict[str, np.ndarray]:
     shapes = (plane, (len(found.test_periods), *plane))
     names = [field.name for field in dataclasses.fields(found) if field.name not in AXES]
     values = {name: getattr(found, name) for name in (*names, *DERIVED)}
-    return {name: each for name, each in values.items() if isinstance(each, np.ndarray) and each.shape in shapes}
+    known = {name: each for name, each in values.items() if isinstance(each, np.ndarray) and each.shape in shapes}
+    return known | (found.reliability.of_cells() if found.reliability is not None else {})
 
 
 def _flags(names: tuple[str, ...], rest: str) -> dict[str, Any]:

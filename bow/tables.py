@@ -45,7 +45,7 @@ def columns(of: Found) -> dict[str, np.ndarray]:
     """Return a map as a table with a row for each cell, in the order of their numbers: name -> (cells,).
 
     The values of both axes, then `transient_periods`, `regime` and `terrain` by name, and the results of the last
-    test.
+    test; for a sweep with repeats what these say.
     """
     found = of.file
     ny, nx = of.shape
@@ -65,6 +65,8 @@ def columns(of: Found) -> dict[str, np.ndarray]:
     for name in ("flattening", "regressions", "simulated"):
         if getattr(found, name) is not None:
             out[name] = getattr(found, name).ravel()
+    if found.reliability is not None:
+        out |= {name: values.ravel() for name, values in found.reliability.of_cells().items()}
     return out
 
 

@@ -6,14 +6,14 @@ A setting without effect is no error by itself, as every setting has a value. Bu
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 from bow_sim.physics.body import LEFT_OUT, left_out, mode_setting, modes_of
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import BRIDGES, SI
 from bow_sim.physics.parameters import FIELDS, TORSION_REFLECTED, Parameters
-from bow_sim.physics.reflection import CREMER
+from bow_sim.physics.reflection import CREMER, ends
 
 LONGEST_STEP = 40e-6
 """Seconds between two samples at most with thermal friction, whose contact warms within a few samples (PHYSICS.md
@@ -163,8 +163,31 @@ def notes_of_map(p: Parameters, x: Any, y: Any) -> tuple[str, ...]:
     x, y : Axis
         With `name`, `first` and `last`.
     """
-    corners = (p.replace(**{x.name: a, y.name: b}) for a in (x.first, x.last) for b in (y.first, y.last))
-    return tuple(dict.fromkeys(note for corner in corners for note in notes(corner)))
+    return tuple(dict.fromkeys(note for _, corner in _corners(p, x, y) for note in notes(corner)))
+
+
+def check_strings(p: Parameters, x: Any, y: Any) -> None:
+    """Raise an error if the reflection functions of the cells at the corners of a map cannot be computed.
+
+    A round trip may be too short for them, which its number of samples alone does not show. Parameters as in
+    :func:`notes_of_map`.
+
+    Raises
+    ------
+    ParameterError
+        Naming the corner, and what is too short.
+    """
+    for where, corner in _corners(p, x, y):
+        try:
+            ends(corner)
+        except ParameterError as error:
+            raise ParameterError(f"{where}: {error}") from None
+
+
+def _corners(p: Parameters, x: Any, y: Any) -> Iterator[tuple[str, Parameters]]:
+    for a in ("first", "last"):
+        for b in ("first", "last"):
+            yield f"at x.{a} and y.{b}", p.replace(**{x.name: getattr(x, a), y.name: getattr(y, b)})
 
 
 def _has_body(p: Parameters) -> bool:

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from bow_sim.physics.friction_curve import parse
+
 HALVINGS = 128
 """Of the temperature of warm rosin: more than its bits need."""
 
@@ -26,7 +28,7 @@ def greatest(law: str, values: Mapping[str, Any], y: Any) -> Any:
     law : str
         Name of the friction law, as in :data:`bow_sim.physics.parameters.FRICTIONS`.
     values : Mapping
-        Parameters by name, numbers or arrays of one shape.
+        Parameters by name, numbers or arrays of one shape; a curve of one's own, `friction_curve`, as text.
     y : float or ndarray
         Driving-point admittance of the infinite string at the bow, Y.
 
@@ -69,10 +71,13 @@ def force_for(law: str, values: Mapping[str, Any], k: Any, whole: bool = False) 
 def difference(law: str, values: Mapping[str, Any], whole: bool = False) -> Any:
     """Return ``mu_s - mu`` of a law that does not depend on the force; parameters as in :func:`force_for`."""
     fall = values["mu_s"] - values["mu_d"]
-    if law != "hyperbola" or whole:
+    if whole or law not in ("hyperbola", "curve"):
         return fall
-    slip, a = slip_speed(values), values["v_b"] - values["v_mid"]
-    return fall * slip / (a + slip)
+    slip = slip_speed(values)
+    if law == "curve":
+        unit = np.where(np.asarray(values["v_unit"]) > 0, values["v_unit"], 1.0)
+        return values["mu_s"] - parse(values["friction_curve"]).at(slip * unit)
+    return fall * slip / (values["v_b"] - values["v_mid"] + slip)
 
 
 def _force_of_warm_rosin(values: Mapping[str, Any], k: Any) -> Any:

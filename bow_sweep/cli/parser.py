@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from bow_sim.graph import environment
 from bow_sweep.cli import (
+    classify,
     compare,
     edges,
     explore,
@@ -40,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
-    for module in (*looked_at, verify, replay, recover, export, settings):
+    for module in (*looked_at, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
     return top

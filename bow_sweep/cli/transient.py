@@ -9,6 +9,7 @@ from typing import Any
 from bow_sim.physics.applicability import notes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection import ends
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.inspect import BODY_HELP, SOUND_HELP, check_sound
 from bow_sweep.cli.settings import SET_HELP
@@ -56,6 +57,7 @@ def _transient(args: argparse.Namespace) -> int:
     short = [f"{name}={getattr(args, name)}" for name in SHORT if getattr(args, name) is not None]
     try:
         parameters = Parameters.from_settings(embed_files(short + args.settings))
+        ends(parameters)  # a round trip may be too short for a reflection function
         check_sound(args)
         if args.plot is not None:
             check_plot(args.plot)

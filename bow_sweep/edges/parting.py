@@ -82,7 +82,7 @@ def part(
 
 def _rms(a: NDArray[np.float32], b: NDArray[np.float32], period: int) -> NDArray[np.float64]:
     """Return the r.m.s. difference in each nominal period, (pairs, periods)."""
-    difference = np.subtract(a, b, dtype=np.float64).reshape(len(a), -1, period)
+    difference = np.subtract(a, b, dtype=np.float64).reshape(len(a), a.shape[1] // period, period)
     return np.sqrt(np.einsum("ijk,ijk->ij", difference, difference) / period)
 
 

@@ -73,8 +73,8 @@ def map_figure(
             for colour, width in (("black", 3.5), ("white", 1.5)):
                 made.line(*run.T, line_color=colour, line_width=width)
         x, y = each.label
-        words = {"text_align": "center", "text_baseline": "middle", "text_font_size": "12px"}
-        made.text([x], [y], [LABELS[each.limit.name]], text_color="white", text_outline_color="black", **words)
+        words = {"text_align": "center", "text_baseline": "middle", "text_font_size": "12px", "padding": 3}
+        made.text([x], [y], [LABELS[each.limit.name]], text_color="white", background_fill_color="#222222", **words)
     for colour, width in (("black", 4), ("white", 2)):
         made.scatter(
             "x", "y", source=marker, marker="square", size=13, fill_alpha=0, line_color=colour, line_width=width

@@ -21,7 +21,12 @@ GESTURE_SETTINGS = {
 }
 """The settings that each gesture uses (sections II.A and III.C, PHYSICS.md 14); one has its name in older maps."""
 
-LAW_SETTINGS = {"hyperbola": ("v_mid", "mu_s", "mu_d"), "coulomb": ("mu_s", "mu_d"), "thermal": ("mu_s",)}
+LAW_SETTINGS = {
+    "hyperbola": ("v_mid", "mu_s", "mu_d"),
+    "coulomb": ("mu_s", "mu_d"),
+    "curve": ("mu_s", "mu_d"),
+    "thermal": ("mu_s",),
+}
 """The settings that each friction law uses, of those that another one does not."""
 
 ALWAYS = ("v_mid", "bow_bridge", "mu_s", "mu_d", "v_b", "y_t")
@@ -113,7 +118,8 @@ def moving(plane: Plane) -> set[str]:
 
 
 def _both_names(axes: Iterable[str]) -> set[str]:
-    return {same for name in axes for same in (name, SI[name].same if name in SI else name)}
+    both = {same for name in axes for same in (name, SI[name].same if name in SI else name)}
+    return both | {"string_length"} if "semitone" in both else both  # a stopped string is shorter
 
 
 def _held(name: str, given: dict[str, str], beside: str) -> Held:

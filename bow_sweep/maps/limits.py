@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,10 +163,11 @@ def schelleng_min(cells: Sequence[Parameters]) -> tuple[NDArray[np.float64], NDA
     return force, k / force
 
 
-def _values(cells: Sequence[Parameters]) -> dict[str, NDArray[np.float64]]:
-    """Return the numbers among the parameters of cells, by name, (cells,) each."""
+def _values(cells: Sequence[Parameters]) -> dict[str, Any]:
+    """Return the numbers among the parameters of cells, by name, (cells,) each, and the friction curve of all."""
     names = FLOATS | {"bow_bridge", "period"}
-    return {name: np.array([getattr(cell, name) for cell in cells], np.float64) for name in names}
+    numbers = {name: np.array([getattr(cell, name) for cell in cells], np.float64) for name in names}
+    return {**numbers, "friction_curve": cells[0].friction_curve}
 
 
 # Guettler
@@ -271,7 +272,8 @@ def _guettler(
 
 def _friction(cells: list[Parameters], fall: NDArray[np.float64], before: str = "") -> str:
     """Return the inputs that both of Schelleng's limits have: the difference of friction, and which one it is."""
-    how = {"thermal": "steady sliding", "hyperbola": "" if before else "at slip speed v_b(1/beta-1)"}
+    at = "" if before else "at slip speed v_b(1/beta-1)"
+    how = {"thermal": "steady sliding", "hyperbola": at, "curve": at}
     words = how.get(cells[0].friction, "")
     y = before.format(y=_range(admittance(cell) for cell in (cells[0], cells[-1])))
     return f"{y}dmu = mu_s-mu = {_range(fall)}{' ' * bool(words)}{words}"

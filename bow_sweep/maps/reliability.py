@@ -115,6 +115,10 @@ class Reliability:
         """Return the arrays by name, as in ``map.npz``."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
+    def of_cells(self) -> dict[str, np.ndarray]:
+        """Return the arrays that have one value for each cell, by name, (ny, nx) each."""
+        return {name: values for name, values in self.arrays().items() if values.ndim == 2}
+
     @property
     def reliable(self) -> np.ndarray:
         """(ny, nx) bool: at least `RELIABLE` of the repeats end as the cell does; False where this is not known."""

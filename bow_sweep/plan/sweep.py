@@ -17,7 +17,7 @@ import numpy as np
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
-from bow_sim.physics.applicability import check_axes, notes_of_map
+from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
 from bow_sim.physics.parameters import Parameters, parse_settings
@@ -110,6 +110,7 @@ class Sweep:
         parameters = replace(spec, plain=common).parameters()
         check_plane(parameters, x, y)
         check_axes(parameters, (x.name, y.name))
+        check_strings(parameters, x, y)
         adaptive, repeats = spec.share("adaptive", cls.adaptive), Repeats.of(spec)
         repeats.check(parameters, x, y)
         if spec.block_cells is None:

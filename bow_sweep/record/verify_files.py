@@ -13,6 +13,7 @@ import numpy as np
 
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.atomic_files import read_arrays
+from bow_sim.physics.applicability import notes_of_map
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
@@ -144,7 +145,10 @@ class FileChecks:
             self._problem(path, f"cannot be read: {error}")
             return
         old = not any(name.startswith(LIMIT) for name in given)
-        for name, right in map_arrays(result).items():
+        arrays = map_arrays(result)
+        known = np.size(given.get("regime_names", ()))
+        arrays["regime_names"] = arrays["regime_names"][:known]  # an older run knows the first of them only
+        for name, right in arrays.items():
             if name not in given:
                 if name not in HISTORY and not (old and name.startswith(LIMIT)):  # older maps do not have them
                     self._problem(path, f"holds no {name}")
@@ -201,8 +205,12 @@ class FileChecks:
             "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
             "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
         }
+        if "notes" in given:  # older runs have none
+            right["notes"] = list(notes_of_map(self.expected.parameters, self.expected.x, self.expected.y))
         if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which are not in the bag
             given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
+        if isinstance(given.get("regimes"), dict):  # an older run knows the first of them only
+            right["regimes"] = {n: count for n, count in right["regimes"].items() if count or n in given["regimes"]}
         for name, value in json.loads(json.dumps(right)).items():
             if name not in given:
                 self._problem(path, f"holds no {name}")

@@ -44,7 +44,8 @@ def test_the_wolf_of_1983_is_found_in_a_sweep_and_verified_and_replayed(tmp_path
     alone = compute(Sweep.from_spec("", settings))
     assert alone.layers["beat"].tobytes() == found.beat.reshape(80, 16).tobytes()
     cell = int(np.flatnonzero(wolves.ravel())[0])
-    assert f"beat {found.beat[-1].ravel()[cell]:.1f} periods" in bow("inspect", str(run), f"cell={cell}").stdout
+    shown = bow("inspect", str(run), "--cell", str(cell), "--no-view", "--save", str(tmp_path / "cells.rrd")).stdout
+    assert f"beat {found.beat[-1].ravel()[cell]:.1f} periods" in shown
 
 
 def test_guettlers_transient_is_that_of_the_map_of_the_report_and_of_replay(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ ALWAYS = {
     "v_unit": st.floats(0.05, 0.4),
     "force": st.floats(0.1, 2.0),
     "f_init_ratio": st.floats(0.3, 3.0),
-    "beta": st.floats(0.03, 0.3),
+    "beta": st.floats(0.05, 0.3),
     "bridge": st.sampled_from(["rigid", "monochord", "surrogate"]),
     "model": st.sampled_from(["delta_cremer", "stiff_cremer"]),
     "period": st.sampled_from([139, 150, 201]),

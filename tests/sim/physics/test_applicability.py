@@ -63,6 +63,13 @@ def test_a_sweep_is_refused_before_anything_starts() -> None:
         Sweep.from_spec("", mode)
 
 
+def test_a_string_that_cannot_be_computed_at_a_corner_is_refused_before_anything_starts() -> None:
+    near = ["string=cello_g_a", "x.name=beta", "x.first=0.03", "x.last=0.2"]
+    with pytest.raises(ParameterError, match=r"at x\.first and y\.first: torsion_speed: .* too short"):
+        Sweep.from_spec("", near)
+    Sweep.from_spec("", [*near, "period=278"])
+
+
 def test_what_is_perhaps_not_meant_is_noted() -> None:
     assert notes(Parameters()) == ()
     twice = Parameters.from_mapping({**VIOLIN, "body": "stoppani"})

@@ -34,6 +34,16 @@ def test_the_difference_of_friction_is_that_of_the_curve_at_the_slip_speed() -> 
     assert difference("hyperbola", vars(p), whole=True) == difference("coulomb", vars(p)) == pytest.approx(0.5)
 
 
+def test_a_curve_of_ones_own_is_read_at_the_slip_speed() -> None:
+    paper, y = {"beta": 0.1, "friction": "curve", "friction_curve": "0/0.8, 2/0.5, 20/0.3"}, 1.617
+    p = Parameters.from_mapping(paper)
+    assert slip_speed(vars(p)) == pytest.approx(9)
+    assert difference("curve", vars(p)) == pytest.approx(0.8 - (0.5 - 0.2 * 7 / 18))
+    assert greatest("curve", vars(p), y) == pytest.approx(1 / (y * 0.1 * 0.5))
+    si = Parameters.from_mapping({**paper, "v_unit": 0.2})  # the points are m/s
+    assert difference("curve", vars(si)) == pytest.approx(0.3 * 1.8 / 2)
+
+
 def steady_mu(p: Parameters, force: float, u: float) -> float:
     """Friction of steady sliding at a force in N and a speed in m/s, by iteration (PHYSICS.md section 13)."""
     t = 0.0

@@ -105,6 +105,9 @@ def test_the_edges_of_a_map_are_its_neighbours_of_different_outcome() -> None:
     assert sorted(zip(pending.ix, pending.iy, strict=True)) == [
         (x, y) for x in range(8) for y in (0, 1) if x < 3 or not y
     ]
+    simulated = np.ones((4, 8), bool)
+    simulated[0] = False  # what is predicted has no outcome of its own
+    assert (edges_of(replace(found, simulated=simulated), "helmholtz").iy == 1).all()
     low_x, high_x, low_y, high_y = edges.ends(found.x, found.y)
     np.testing.assert_array_equal(low_x, high_x)
     assert (low_y < high_y).all()
@@ -200,6 +203,20 @@ def test_what_cannot_be_bisected_is_refused_in_one_line(
     err = capsys.readouterr().err
     assert named in err
     assert err.count("\n") == 1
+    assert [path.name for path in run.iterdir()] == ["map.npz"]
+
+
+def test_an_edge_that_is_none_any_more_is_said(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = column("stiff_cremer", 0.9, 3.7, 2, 0.03)
+    found = map_of(sweep)  # both cells end in Helmholtz motion
+    assert found.helmholtz[-1].all()
+    helmholtz = found.helmholtz.copy()
+    helmholtz[-1, 0, 0] = False
+    write_map_npz(run / "map.npz", replace(found, helmholtz=helmholtz, regimes=None, confidence=None))
+    assert main(["edges", str(run), "--halvings", "3"]) == 1
+    err = capsys.readouterr().err
+    assert "1 of 1 edges have one outcome on both sides here: another kernel made the map" in err
+    assert "no edge is left" in err
     assert [path.name for path in run.iterdir()] == ["map.npz"]
 
 

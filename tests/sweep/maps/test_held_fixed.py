@@ -120,4 +120,7 @@ def test_a_report_has_what_all_cells_share_in_si_units():
     assert shared["speed"] == {"value": pytest.approx(0.1), "unit": "m/s"}
     assert shared["f_0"]["value"] == pytest.approx(98)
     assert set(shared) == {"f_0", "speed"}
+    notes = Sweep.from_spec("playability")
+    assert set(common_in_si(vars(notes.parameters), ("semitone", "force"))) == {"speed", "v_0", "beta"}
+    assert "beta = 15/139" in lines(plane_of("playability"))  # but each note has its own distance in mm
     assert common_in_si(vars(Sweep.from_spec("fig11d").parameters), ("f_asym", "f_init_ratio")) == {}

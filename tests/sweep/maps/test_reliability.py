@@ -12,6 +12,8 @@ import recording
 from recording import whats
 from small_graph import SmallGraph
 
+import bow
+from bow.tables import columns
 from bow_sweep.cell.parting import median_parting, onsets_of, parting, partings
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cli import main
@@ -198,6 +200,14 @@ def test_the_median_of_partings_is_one_of_them_and_never_is_the_last() -> None:
     assert median_parting(columns[:, None])[0].tolist()[:3] == [2, inf, 1]
     assert np.isnan(median_parting(columns[:, None])[0, 3])
     assert median_parting(columns[:, None])[0, 4] == 4
+
+
+def test_the_dataset_and_the_table_of_a_map_have_what_repeats_say_of_each_cell(repeated: Path) -> None:
+    found, sure = bow.open(repeated), read_map(repeated).reliability
+    for name in ("reliability", "same_transient", "repeats_done", "transient_low", "transient_high"):
+        assert found.ds[name].dims == ("f_init_ratio", "f_asym")
+        assert found.ds[name].values.tobytes() == getattr(sure, name).tobytes()
+        assert columns(found)[name].tobytes() == getattr(sure, name).tobytes()
 
 
 def test_the_picture_of_the_repeats_says_where_motions_never_part(repeated: Path, tmp_path: Path) -> None:

@@ -221,6 +221,26 @@ def test_axes_scales_and_meanings_are_drawn_once(path):
     assert words[0][0] == {}
 
 
+def test_limits_are_lines_over_every_picture(path):
+    x = {"x.name": "bow_bridge", "x.scale": "linear", "x.first": 8, "x.last": 15, "x.count": 8}
+    y = {"y.name": "f_asym", "y.scale": "log", "y.first": 5, "y.last": 30, "y.count": 4}
+    given = {**plan(), "spec.settings": [f"{name}={value}" for name, value in {**x, **y}.items()] + settings()[:1]}
+    given["spec.settings"] += [line for line in settings()[1:] if not line.startswith(("x.", "y.", "bow_bridge"))]
+    RunRecording(path, Snapshot.empty(SweepOutline.of(given))).finish()
+    for place in PLACES:
+        assert rows(path, f"{place}/axes/limits/names", "Points2D:labels")[-1][1] == ["F_max"]
+        ((line,),) = [strips for _, strips in rows(path, f"{place}/axes/limits/lines", "LineStrips2D:strips")]
+        first, last = np.array(line[0]), np.array(line[-1])
+        assert first[0] < last[0] and first[1] < last[1]  # y points down: less force farther from the bridge
+    assert "axes/limits" not in " ".join(entities(recorded_without_limits(path)))
+
+
+def recorded_without_limits(path: Path) -> Path:
+    other = path.with_name("plain.rrd")
+    recording(other).finish()
+    return other
+
+
 def contexts(path: Path) -> dict[str, list]:
     """The names and colours of codes by entity: when they were logged, and what."""
     found = {place: rows(path, place, "AnnotationContext:context") for place in PLACES}
