@@ -207,24 +207,20 @@ def _measure_cell(i, row, start, setup, features, workspace):
 
 
 @njit(**LEAN)
-def _remember(i, row, start, number, state, setup, features, workspace):
-    """Write what has a memory longer than the record of cell i to the features: beat and Guettler's transient.
+def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, workspace, onsets, stops, beat, transient):
+    """Write what has a memory longer than the record of cell i: the beat of a wolf, and Guettler's transient.
 
-    `number` is that of the chunk.
+    `chunk` is its number, `slips` that of the significant slips in it, `longest` the longest lag, samples.
     """
-    limits, slips = setup.limits, features.slips[i]
-    period = int(limits.period)
-    features.beat[i] = features.transient[i] = np.nan
-    if state.wolf.power.shape[0] > 0:
-        keep_chunk(i, number, row, start, period, workspace.stops, slips, state.wolf, workspace.wolf)
-        if (number + 1) * (row.shape[0] - start) >= LEAST * period:
-            features.beat[i] = find_beat(
-                i, number, state.wolf, limits.wolf_share, limits.wolf_changes, limits.wolf_beat,
-                setup.lags.longest / period, workspace.wolf,
-            )  # fmt: skip
-    if state.releases.first.shape[0] > 0:
-        origin = number * (row.shape[0] - start)
-        features.transient[i] = transient_after(i, origin, period, workspace.onsets, slips, state.releases)
+    period, samples = int(limits.period), row.shape[0] - start
+    beat[i] = transient[i] = np.nan
+    if wolf.power.shape[0] > 0:
+        keep_chunk(i, chunk, row, start, period, stops, slips, wolf, workspace)
+        if (chunk + 1) * samples >= LEAST * period:
+            share, changes, clear = limits.wolf_share, limits.wolf_changes, limits.wolf_beat
+            beat[i] = find_beat(i, chunk, wolf, share, changes, clear, longest / period, workspace)
+    if releases.first.shape[0] > 0:
+        transient[i] = transient_after(i, chunk * samples, period, onsets, slips, releases)
 
 
 @njit(**LEAN)
@@ -254,7 +250,10 @@ def _classify_all(state, chunk, setup, result, workspace):
             )  # fmt: skip
             features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
             _measure_cell(i, rows[lane], start, setup, features, workspace)
-            _remember(i, rows[lane], start, chunk.number, state, setup, features, workspace)
+            _remember(
+                i, chunk.number, rows[lane], start, features.slips[i], limits, lags.longest, state.wolf, state.releases,
+                workspace.wolf, workspace.onsets, workspace.stops, features.beat, features.transient,
+            )  # fmt: skip
             decide_cell(i, features, limits, decision)
 
 

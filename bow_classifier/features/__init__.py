@@ -5,4 +5,6 @@ long_periods  periods of two or three nominal ones, anomalous low frequencies
 ripples       Schelleng ripples as lines of the spectrum
 slips         the second test: significant slips
 corners       the third test: travelling corners
+wolf          the beat of many periods between string and body
+first_slips   Guettler's transient, from the first slip on
 """

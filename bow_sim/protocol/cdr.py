@@ -3,9 +3,9 @@
 ROS 2 carries messages as CDR (OMG DDS-XTypes 1.3, section 7.4, plain XCDR1, little endian): four bytes of
 encapsulation, then every primitive, aligned to its own size counted from there. A sequence is its length as uint32,
 then its elements; the length of a string includes its final zero; a short text is an array of bytes, filled with zeros;
-a stamp is seconds and nanoseconds, here one number of nanoseconds.
-All messages of ``bow_msgs`` are flat if nested ones are written field by field, so a table of fields describes each,
-see :mod:`bow_sim.protocol.messages`. ``tests/sim/protocol/test_cdr.py`` compares the bytes with rclpy's serialisation.
+a stamp is seconds and nanoseconds, here one number of nanoseconds. All messages of ``bow_msgs`` are flat if nested ones
+are written field by field, so a table describes each (:mod:`bow_sim.protocol.messages`); tests/sim/protocol/test_cdr.py
+compares the bytes with rclpy's serialisation.
 
 A message with a `checksum` is sealed: XXH3-64 over all bytes after that field, seeded with its place in the sweep.
 The field is eight bytes wide and so ends on a multiple of eight: the bytes after it do not depend on its position.
@@ -310,8 +310,7 @@ def _string(name: str, field: str, body: memoryview, at: int) -> tuple[str, int]
     try:
         return text[:-1].decode(), at + length
     except UnicodeDecodeError as error:
-        where = at + len(ENCAPSULATION)
-        raise WireError(f"{name}.{field}: the string at byte {where} is not UTF-8: {error}") from None
+        raise WireError(f"{name}.{field}: the string at byte {at + len(ENCAPSULATION)} is not UTF-8: {error}") from None
 
 
 HELLO_BYTES = 400

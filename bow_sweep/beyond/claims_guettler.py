@@ -13,7 +13,7 @@ from bow_sweep.beyond.cells import compute
 from bow_sweep.beyond.claim import Claims, Finding, Maps, Point
 from bow_sweep.beyond.drawing import BLUE, MUTED, ORANGE, shade_map
 from bow_sweep.beyond.formulas import guettler_bounds
-from bow_sweep.beyond.measures import guettler_transients, right_edge, significant
+from bow_sweep.beyond.measures import right_edge, significant
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.plan.sweep import Sweep
 
@@ -104,7 +104,7 @@ def _draw_ideal(regions: list[_Region], axes: Any) -> None:
         axes.plot(good, np.full(len(good), i), ".", color=BLUE, ms=3, label=None if i else "two regular periods")
     axes.set_yticks(range(len(regions)), [r.name for r in regions], fontsize=5)
     axes.set(xlabel="acceleration / a_low")
-    axes.legend(loc="lower right", fontsize=7)
+    axes.legend(loc="upper right", fontsize=7)
 
 
 # The cello
@@ -112,12 +112,8 @@ def _draw_ideal(regions: list[_Region], axes: Any) -> None:
 
 def transients(plane: MapFile) -> NDArray[np.float64]:
     """Return Guettler's transient of every cell of a map, (ny, nx) periods; infinite for none."""
-    sweep = Sweep.from_spec("", plane.settings)
-    p = sweep.parameters
-    lanes = sweep.lanes(np.arange(sweep.cells, dtype=np.uint32))
-    speed_unit = p.v_unit * p.sample_rate / p.period
-    rise = lanes["bow_acceleration"] / speed_unit
-    return guettler_transients(compute(p, lanes).slips, p.period, rise).reshape(plane.shape)
+    lengths = np.asarray(plane.transient_periods, float)
+    return np.where(lengths > 0, lengths, np.inf)
 
 
 STRINGS = {"a": 22.0, "b": 40.0, "c": 43.0, "d": 30.0}

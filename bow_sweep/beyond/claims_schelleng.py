@@ -119,7 +119,9 @@ def _schelleng_upper(maps: Maps) -> Finding:
         axes.plot(x[~success], y[~success], "o", color=ORANGE, ms=2.5, mfc="none", mew=0.4, label="other")
         axes.plot([MEASURED[0.1], UPPER], [BETA] * 2, "D", color="black", ms=5, mfc="none", label="measured limits")
         axes.set(xscale="log", yscale="log", xlabel="bow force, N", ylabel="beta")
+        axes.minorticks_off()
         axes.set_yticks([0.02, 0.05, 0.1, 0.2], ["0.02", "0.05", "0.1", "0.2"])
+        axes.set_xticks([0.1, 0.2, 0.5, 1, 2, 5], ["0.1", "0.2", "0.5", "1", "2", "5"])
         axes.legend(loc="lower left", ncols=3)
 
     return Finding(f"{high:.2f} N", (), draw)

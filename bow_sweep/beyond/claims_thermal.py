@@ -69,7 +69,7 @@ def _thermal_violin(maps: Maps) -> Finding:
     def draw(axes: Any) -> None:
         for (force, kelvin), colour in zip(traces.items(), (BLUE, GREEN, ORANGE), strict=True):
             axes.plot(np.arange(len(kelvin)) / base.period, kelvin, color=colour, label=f"{force:g} N")
-        axes.set(xlabel="periods", ylabel="temperature of the contact, K", ylim=(0, None))
+        axes.set(xlabel="periods", ylabel="temperature of the contact, K", ylim=(0, 32))
         axes.legend(loc="upper right", ncols=3)
 
     return Finding(words, tuple(points), draw)

@@ -40,14 +40,13 @@ def row_of_map(plane: MapFile, row: int) -> tuple[Parameters, dict[str, NDArray[
 
 
 def slips_a_period(plane: MapFile, row: int) -> list[str]:
-    """Return what each cell of a row does in its last 100 periods: one slip a period, two, a wolf, or other."""
+    """Return what each cell of a row does at the end: a wolf, by its verdict; one slip a period, two, or other."""
     p, lanes = row_of_map(plane, row)
-    motion = compute(p, lanes)
-    clear = [height for _, height in beats(plane, row, plane.x.tolist())] if p.body_modes else []
+    slips = compute(p, lanes).slips
     out = []
-    for cell in range(len(plane.x)):
-        share, mean, changes = wolf_counts(motion.slips.of(cell), p.period, p.periods)
-        if 0.1 <= share <= 0.9 and changes >= 6 and clear[cell] > 0.7:
+    for cell, code in enumerate(plane.regime[row].tolist()):
+        share, mean, _ = wolf_counts(slips.of(cell), p.period, p.periods)
+        if plane.regime_names[code] == WOLF:
             out.append(WOLF)
         else:
             out.append(ONE_SLIP if share > 0.9 else TWO_SLIPS if 1.9 <= mean <= 2.1 else OTHER)
@@ -130,12 +129,16 @@ def _draw_wolf_regimes(plane: MapFile, rows: dict[str, list[str]], axes: Any) ->
 def _wolf_beat(maps: Maps) -> Finding:
     found = beats(maps["wolf"], 1, list(BEATS))
     periods = [period for period, _ in found]
+    plane = maps["wolf"]
+    published = plane.beat[-1, 1] if plane.beat is not None else np.full(plane.x.shape, np.nan)
+    by_verdict = [float(published[int(np.argmin(np.abs(plane.x - f)))]) for f in BEATS]
     points = (
         *(Point.about(f"beat at {f:g}", period, BEATS[f], 0.5) for f, period in zip(BEATS, periods, strict=True)),
         Point.true("rising", bool(np.all(np.diff(periods) > 0))),
         Point.about("on doubling the force", periods[-1] / periods[0], 1.5, 0.1),
     )
-    words = f"{', '.join(f'{period:.1f}' for period in periods)} periods; {periods[-1] / periods[0]:.2f} on doubling"
+    words = f"{', '.join(f'{period:.1f}' for period in periods)} periods; {periods[-1] / periods[0]:.2f} on doubling; "
+    words += f"verdicts say {', '.join(f'{period:.1f}' for period in by_verdict)}"
     return Finding(words, points, partial(_draw_beat, list(BEATS.items()), list(zip(BEATS, periods, strict=True))))
 
 

@@ -30,8 +30,8 @@ def draw(row: Row, finding: Finding, path: Path) -> None:
         If the file cannot be written.
     """
     with style():
-        caption = textwrap.shorten(f"{row.verdict}: {row.found}", 135, placeholder=" ...")
-        page = Page(3.3, f"{row.key}  {textwrap.shorten(row.claim, 66 - len(row.key), placeholder=' ...')}", caption)
+        caption = textwrap.shorten(f"{row.verdict}: {row.found}", 120, placeholder=" ...")
+        page = Page(3.3, f"{row.key}  {textwrap.shorten(row.claim, 68 - len(row.key), placeholder=' ...')}", caption)
         (axes,) = page.panels(1)
         finding.draw(axes)
         page.figure.set_dpi(PIXELS_AN_INCH)

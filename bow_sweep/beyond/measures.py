@@ -143,39 +143,3 @@ def significant(slips: Slips, period: int, rise: float = 0.0) -> NDArray[np.bool
     """Return which slips count, with a threshold that follows a bow speed of ``rise t`` per period; 0: a speed of 1."""
     speed = rise * slips.end / period if rise else 1.0
     return np.asarray(slips.slip > SIGNIFICANT * speed * period)
-
-
-REGULAR, REGULAR_RUN = 0.05, 5
-"""How near to one period the intervals of a regular run are, and how many it has at least (PHYSICS.md section 14)."""
-
-
-def guettler_transients(slips: Slips, period: int, rise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Guettler's transient of each cell, periods: from the first slip to the last unbroken regular run.
-
-    A run is one of significant slips whose intervals are one period within 5 %, five or more (PHYSICS.md section 14).
-
-    Parameters
-    ----------
-    slips
-        Of all cells.
-    period
-        N, samples.
-    rise : (cells,)
-        Of the bow speed, v_b a period.
-
-    Returns
-    -------
-    ndarray, shape (cells,)
-        Infinite where there is no such run.
-    """
-    out = np.full(len(rise), np.inf)
-    for cell, own in enumerate(rise.tolist()):
-        mine = slips.of(cell)
-        onsets = mine.start[significant(mine, period, own)]
-        regular = np.abs(np.diff(onsets) - period) <= REGULAR * period
-        borders = np.flatnonzero(np.diff(np.concatenate([[False], regular, [False]]).astype(np.int8)))
-        begins, ends = borders[::2], borders[1::2]
-        runs = np.flatnonzero(ends - begins >= REGULAR_RUN)
-        if len(runs):
-            out[cell] = (onsets[begins[runs[-1]]] - mine.start[0]) / period
-    return out

@@ -225,15 +225,19 @@ SWEEPS: dict[str, Wanted] = {
 """The sweeps by name, in the order in which they are run."""
 
 
+NO_MATTER = ("block_cells", "string_length")
+"""Settings on which no motion depends."""
+
+
+def _values(sweep: Sweep) -> dict[str, str]:
+    return dict(line.partition("=")[::2] for line in sweep.settings())
+
+
 def differences(plane: MapFile, sweep: Sweep) -> list[str]:
     """Return the settings of a map that are not those of a sweep, as "name = value, should be value"."""
-    own = dict(line.partition("=")[::2] for line in sweep.settings())
-    names = sorted(name for name in own if not name.startswith("classifier.") and name != "block_cells")
-    return [
-        f"{name} = {plane.values.get(name)}, should be {own[name]}"
-        for name in names
-        if plane.values.get(name) != own[name]
-    ]
+    own, given = _values(sweep), _values(Sweep.from_spec()) | plane.values  # a map that is older has fewer settings
+    names = sorted(name for name in own if not name.startswith("classifier.") and name not in NO_MATTER)
+    return [f"{name} = {given.get(name)}, should be {own[name]}" for name in names if given.get(name) != own[name]]
 
 
 def find(directory: Path, names: Iterable[str], small: bool = False) -> dict[str, MapFile]:

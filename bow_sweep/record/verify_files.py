@@ -13,6 +13,7 @@ import numpy as np
 
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.atomic_files import read_arrays
+from bow_sim.physics.applicability import notes_of_map
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import BlockState
 from bow_sim.protocol.sweep_outline import SweepOutline
@@ -204,6 +205,8 @@ class FileChecks:
             "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
             "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
         }
+        if "notes" in given:  # older runs have none
+            right["notes"] = list(notes_of_map(self.expected.parameters, self.expected.x, self.expected.y))
         if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which are not in the bag
             given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
         if isinstance(given.get("regimes"), dict):  # an older run knows the first of them only

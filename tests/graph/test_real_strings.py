@@ -45,19 +45,21 @@ def test_a_plane_in_newton_is_recorded_judged_verified_and_computed_again(tmp_pa
 
 
 MODE = [
-    *("--set", "string=violin_a", "--set", "v_unit=0.1", "--set", "hair=hair_soft", "--set", "friction=thermal"),
-    *("--set", "body=signature", "--set", "bridge=rigid", "--set", "rosin=rosin_soft", "--periods", "60"),
-    *("--set", "x.name=body_3_ratio", "--set", "x.first=0.8", "--set", "x.last=1.25", "--set", "x.scale=linear"),
-    *("--set", "y.name=force", "--set", "y.first=0.1", "--set", "y.last=2", "--set", "y.scale=log"),
-    *("--nx", "16", "--ny", "16", "--simulators", "1", "--set", "block_cells=8", "--no-dashboard"),
+    *("string=violin_a", "v_unit=0.1", "hair=hair_soft", "friction=thermal", "rosin=rosin_soft", "periods=60"),
+    *("body=signature", "bridge=rigid", "block_cells=8", "x.count=16", "y.count=16"),
+    *("x.name=body_3_ratio", "x.first=0.8", "x.last=1.25", "x.scale=linear"),
+    *("y.name=force", "y.first=0.1", "y.last=2", "y.scale=log"),
 ]
 
 
 def test_a_map_over_a_mode_that_was_killed_and_interrupted_is_gone_on_with_and_is_that_of_one_process(
     tmp_path: Path,
 ) -> None:
+    own = Sweep.from_spec("", MODE)
+    basin = compute(own)  # first, so that what a run waits for need not be compiled
     run = tmp_path / "run"
-    with sweeping(run, *MODE, "--out", str(run)) as sweep:
+    arguments = [word for setting in MODE for word in ("--set", setting)]
+    with sweeping(run, *arguments, "--simulators", "1", "--no-dashboard", "--out", str(run)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.kill("simulator")  # the only one: nothing is computed until it is started again
         sweep.wait_until(lambda: "killed by SIGKILL" in sweep.text)
@@ -73,8 +75,8 @@ def test_a_map_over_a_mode_that_was_killed_and_interrupted_is_gone_on_with_and_i
     report = json.loads((run / "report.json").read_text())
     assert report["attempts"] > 32
     assert report["notes"] == []
-    own = Sweep.from_spec("", report["settings"])
-    alone = MapFile.of(own, compute(own), report["run_id"])
+    assert report["settings"] == list(own.settings())
+    alone = MapFile.of(own, basin, report["run_id"])
     plane = read_map_npz(run / "map.npz")
     assert plane.x_name == "body_3_ratio"
     for name in ("transient_periods", "regime", "correlation", "slips", "corners", "helmholtz"):

@@ -47,7 +47,7 @@ bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.v
 bow_sweep.beyond: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict
     bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.edges
 bow: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures bow_classifier.verdict
-    bow_classifier.features bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.cell bow_sweep.figures
+    bow_classifier.features bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.figures bow_sweep.cell
     bow_sweep.processes
 bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures

@@ -64,7 +64,7 @@ AXES = {
     "the paper's": [],
     "the force is no axis": ["x.name=v_mid", "x.scale=linear", "x.first=-1", "x.last=0.5", "f_asym=7"],
     "newton": [
-        *("string=cello_g_b", "v_unit=0.1", "x.name=beta", "x.first=0.03", "x.last=0.2"),
+        *("string=cello_g_b", "v_unit=0.1", "x.name=beta", "x.first=0.06", "x.last=0.2"),
         *("y.name=force", "y.first=0.2", "y.last=4", "y.scale=log"),
     ],
     "an accelerated bow": [

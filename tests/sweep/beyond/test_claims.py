@@ -46,7 +46,7 @@ def test_a_body_that_gives_energy_is_found_out(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    "key", ["off", "steady-sliding", "least-force", "f-max", "thermal-violin", "guettler-ideal", "stoppani-notes"]
+    "key", ["off", "steady-sliding", "thermal-violin", "guettler-ideal", "exponent-sliding", "exponent-motion"]
 )
 def test_claims_about_strings_have_the_verdict_that_the_documentation_gives(key: str, root: Path) -> None:
     (line,) = (line for line in (root / "docs/validation.md").read_text().splitlines() if BY_KEY[key].claim in line)
@@ -96,7 +96,7 @@ def test_every_claim_has_a_name_of_its_own_and_its_sweeps_can_be_run() -> None:
     assert len(BY_KEY) == len(CLAIMS)
     assert {name for claim in CLAIMS for name in claim.needs} == set(SWEEPS)
     for wanted in SWEEPS.values():
-        assert wanted.sweep(small=True).cells < wanted.sweep().cells
+        assert wanted.sweep(small=True).cells <= wanted.sweep().cells
 
 
 def test_a_map_with_another_setting_is_no_map_of_the_sweep() -> None:

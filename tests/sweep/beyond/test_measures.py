@@ -19,10 +19,10 @@ from bow_sweep.beyond.formulas import (
 )
 from bow_sweep.beyond.measures import (
     beat,
-    guettler_transients,
     lower_limit,
     rank_correlation,
     right_edge,
+    significant,
     upper_limit,
     wolf_counts,
 )
@@ -74,23 +74,18 @@ def slips(onsets: list[float], slip: float, period: int = 100) -> Slips:
     return Slips(np.zeros(len(start), int), start, start + 10, np.full(len(start), slip))
 
 
-def test_guettlers_transient_ends_where_the_last_regular_run_begins() -> None:
-    irregular, regular = [2.0, 2.4, 3.5], [4.4, 5.4, 6.4, 7.42, 8.4, 9.4]
-    rise = np.array([0.1])
-    assert guettler_transients(slips([*irregular, *regular], 200.0), 100, rise)[0] == pytest.approx(2.4)
-    assert np.isinf(guettler_transients(slips([*irregular, *regular[:5]], 200.0), 100, rise)[0])
-    later = [11.0, 12.0, 13.0, 14.0, 15.0, 16.0]
-    assert guettler_transients(slips([*regular, *later], 200.0), 100, rise)[0] == pytest.approx(11.0 - 4.4)
-    small = slips([*irregular, *regular], 1.0)  # below a tenth of the speed that the bow has by then
-    assert np.isinf(guettler_transients(small, 100, rise)[0])
-
-
 def test_a_wolf_changes_between_one_slip_and_two() -> None:
     onsets = [float(i) for i in range(150)] + [i + 0.5 for i in range(150) if i % 10 < 4]
     share, mean, changes = wolf_counts(slips(sorted(onsets), 50.0), 100, 150)
     assert (share, mean) == (pytest.approx(0.6), pytest.approx(1.4))
     assert changes == 19
     assert wolf_counts(slips([float(i) for i in range(150)], 50.0), 100, 150)[2] == 0
+
+
+def test_what_counts_as_a_slip_follows_the_speed_of_the_bow() -> None:
+    found = slips([1.0, 5.0], 3.0)  # of a bow that has 0.11 and 0.51 of its speed when they end
+    assert significant(found, 100, 0.1).tolist() == [True, False]
+    assert significant(found, 100).tolist() == [False, False]
 
 
 def test_slips_are_those_of_the_waveform_also_over_the_end_of_a_chunk() -> None:

@@ -205,11 +205,12 @@ def test_the_transient_known_at_each_test_is_shown_at_that_test():
 
 
 def test_perfect_cells_are_counted_for_guettlers_gesture_only():
+    from bow_sim.protocol.repeats import Repeats
     from bow_sweep.run.directory import findings
 
     lengths, regimes = guettlers()[1].transient_periods, np.zeros(4, np.uint8)
-    assert findings(lengths, regimes, "guettler")["perfect_fraction"] == 1 / 8
-    assert "perfect_fraction" not in findings(lengths, regimes, "accelerate_to")
+    assert findings(lengths, regimes, "guettler", Repeats(), None)["perfect_fraction"] == 1 / 8
+    assert "perfect_fraction" not in findings(lengths, regimes, "accelerate_to", Repeats(), None)
 
 
 def test_the_beats_of_wolves_are_kept(tmp_path):

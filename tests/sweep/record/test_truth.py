@@ -36,6 +36,8 @@ ADAPTIVE = recording.small_sweep(
     *("adaptive=0.8", "x.count=6", "y.count=5", "x.first=2", "x.last=12", "block_cells=8", "periods=50")
 )
 """Eight rounds."""
+REPEATED = recording.small_sweep("repeats=1", "jitter=0.2", "periods=10")
+"""Twelve cells and a repeat of each, in five blocks of two chunks."""
 
 FILES = ("ledger.jsonl", "bag/bag_0.mcap", "bag/bag_1.mcap", "bag/metadata.yaml", "map.npz", "report.json", "map.png")
 
@@ -70,7 +72,11 @@ def history(directory: Path, sweep: object, cut_after: int) -> History:
 def histories(tmp_path_factory: pytest.TempPathFactory) -> dict[str, History]:
     """The files that are changed."""
     folder = tmp_path_factory.mktemp("histories")
-    return {"plain": history(folder / "plain", PLAIN, 5), "adaptive": history(folder / "adaptive", ADAPTIVE, 33)}
+    return {
+        "plain": history(folder / "plain", PLAIN, 5),
+        "adaptive": history(folder / "adaptive", ADAPTIVE, 33),
+        "repeats": history(folder / "repeats", REPEATED, 6),
+    }
 
 
 def same_map(one: bytes, other: bytes) -> bool:
@@ -195,7 +201,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @settings(SETTINGS, max_examples=40)
 @given(
-    name=st.sampled_from(["plain", "plain", "adaptive"]),
+    name=st.sampled_from(["plain", "plain", "adaptive", "repeats"]),
     state=places | st.just(LAST),
     ops=st.lists(OPERATIONS, min_size=1, max_size=4),
 )
@@ -207,6 +213,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @example(name="plain", state=LAST, ops=[("bag deleted", "bag", 0.0, 0), ("deleted", "ledger.jsonl", 0.0, 0)])
 @example(name="adaptive", state=LAST, ops=[("a range of zeros", "ledger.jsonl", 0.3, 300)])
 @example(name="adaptive", state=0.9, ops=[("older or newer", "bag/bag_0.mcap", 0.2, 0)])
+@example(name="repeats", state=0.9, ops=[("a flipped bit", "bag/bag_0.mcap", 0.8, 3)])
 def test_whatever_happens_to_the_files_the_map_is_that_of_an_undisturbed_run(histories, room, name, state, ops) -> None:
     of = histories[name]
     assert_goes_on(changed_files(room / "run", of, state, ops), of)
@@ -215,7 +222,7 @@ def test_whatever_happens_to_the_files_the_map_is_that_of_an_undisturbed_run(his
 @pytest.mark.full
 @settings(SETTINGS, max_examples=600)
 @given(
-    name=st.sampled_from(["plain", "plain", "adaptive"]),
+    name=st.sampled_from(["plain", "plain", "adaptive", "repeats"]),
     state=places | st.just(LAST),
     ops=st.lists(OPERATIONS, min_size=1, max_size=6),
 )
