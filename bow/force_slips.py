@@ -34,7 +34,8 @@ trips of a recording are looked at: thirty periods of usual playing. A third of 
 ripples where they should cancel, and they are taken for corners."""
 
 TRUST = 2.0
-"""By how much worse a round trip at the end of this range is taken to be: strong ripples may look even at another."""
+"""By how much worse a round trip at the end of this range is taken to be: strong ripples may look even at another.
+With this a guess is moved by a quarter or half of a sample at most: it is refined, not found."""
 
 FAINTEST = 0.2
 """Least bow speed of a chunk over that of the loudest ones. A quieter chunk is judged as if it were as loud: what moves

@@ -132,7 +132,8 @@ def classify(
     f0
         Frequency of the string, Hz.
     beta
-        Distance of the bow from the bridge over the length of the string. It is looked for within 6 % of this value.
+        Distance of the bow from the bridge over the length of the string. It is refined by half a sample of the round
+        trip at most.
     f0_within
         Part of f0 by which it may be wrong: the period of the sound is looked for there. 0 takes f0 as it is.
     thresholds
