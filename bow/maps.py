@@ -177,8 +177,8 @@ class Map(Found):
         --------
         >>> import bow
         >>> m = bow.sweep("fig11d", nx=8, ny=4, periods=20, progress=False)
-        >>> m.plot("regime")
-        Picture(86 x 71 mm: regime after 20 periods)
+        >>> m.plot("regime").caption
+        'regime after 20 periods'
         """
         from bow.pictures import picture
 

@@ -149,7 +149,7 @@ def classify(
     >>> import bow
     >>> c = bow.sweep("fig11c", nx=4, ny=2, periods=60, progress=False).cell(5)
     >>> bow.classify(c.bridge_force, c.sample_rate, f0=440, beta=15 / 139)
-    <bow.Judged 12 tests: multiple_slip 83%, aperiodic 17%>
+    <bow.Judged 11 tests: multiple_slip 73%, multiple_flyback 18%, aperiodic 9%>
     """
     force = _checked(x, sample_rate, f0, beta, f0_within)
     pitch = _pitch(force, sample_rate, f0, f0_within) if f0_within else None
