@@ -15,6 +15,12 @@ NODES = {
     "dashboard": "bow_sweep.entry:dashboard",
 }
 
+EXTRAS = {
+    "explore": ["bokeh>=3.9,<4"],  # `bow explore`
+    "data": ["xarray>=2024.1", "h5netcdf>=1.3", "h5py>=3.8"],  # tables and netCDF files of `import bow`
+}
+"""Libraries that parts of bow need, by the name of the extra; `make setup` installs them."""
+
 NO_MESSAGES = """
 bow: its interfaces, the package bow_msgs, are not built: no folder of AMENT_PREFIX_PATH has them.
 They lie in this repository under msg_defs/, where colcon does not look by itself. Build both with
@@ -99,15 +105,7 @@ setup(
         "pyarrow>=18",  # rerun's own: names of codes are given to it as Arrow
         "rerun-sdk>=0.39,<0.42",  # 0.x: each release may change names; 0.39 is the last one for Python 3.10
     ],
-    extras_require={
-        "ros": ros_wheels(),
-        "explore": ["bokeh>=3.9,<4"],  # `bow explore`; `make setup` installs it
-        "data": [
-            "xarray>=2024.1",
-            "h5netcdf>=1.3",
-            "h5py>=3.8",
-        ],  # netCDF; `make setup` installs it
-    },
+    extras_require={**EXTRAS, "ros": ros_wheels()},
     package_data={"bow_sweep.explore": ["page.js"]},
     entry_points={"console_scripts": [f"{name} = {target}" for name, target in console_scripts.items()]},
     zip_safe=False,

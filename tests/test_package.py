@@ -22,8 +22,6 @@ OUR_PACKAGES = ("bow", "bow_sim", "bow_classifier", "bow_sweep")
 BY_NAME = {"h5netcdf", "h5py"}
 """Libraries that another one is told to load, by their names: xarray writes netCDF files with them."""
 
-EXTRAS = ("explore", "data")
-
 IMPORT_OF = {"inotify-simple": "inotify_simple", "pyyaml": "yaml", "rerun-sdk": "rerun"}
 """Import names that differ from the distribution's."""
 
@@ -135,7 +133,7 @@ def test_all_places_have_one_version_and_licence() -> None:
 def test_what_the_code_imports_is_declared() -> None:
     depends = {depend.name for depend in manifest(".").exec_depends}
     assert imported() & ROS_PYTHON <= depends
-    extras = [each for name in EXTRAS for each in setup_arguments()["extras_require"][name]]
+    extras = [each for names in assigned("EXTRAS").values() for each in names]
     requirements = [*setup_arguments()["install_requires"], *extras]
     distributions = [re.split(r"[<>=]", requirement)[0] for requirement in requirements]
     declared = {IMPORT_OF.get(name, name) for name in distributions}
@@ -167,7 +165,7 @@ def test_the_development_tools_include_what_builds_the_interfaces() -> None:
 
 def test_every_direct_requirement_has_a_tested_release() -> None:
     tested = {re.split(r"==| ;", line)[0] for line in quoted("constraints.txt")}
-    direct = [each for name in EXTRAS for each in setup_arguments()["extras_require"][name]]
+    direct = [each for names in assigned("EXTRAS").values() for each in names]
     direct += [*setup_arguments()["install_requires"], *quoted("requirements.txt"), *quoted("requirements-dev.txt")]
     names = {re.split(r"[<>=]", requirement)[0].lower().replace("_", "-") for requirement in direct}
     assert names <= tested
