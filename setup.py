@@ -58,7 +58,9 @@ def config_files() -> list[tuple[str, list[str]]]:
 
 def ros_wheels() -> list[str]:
     """ROS 2 from PyPI, as requirements.txt has it, for those who install wheels of bow and bow_msgs: bow[ros]."""
-    return [line.strip() for line in Path("requirements.txt").read_text().splitlines() if line.startswith("ros-")]
+    here = Path(__file__).resolve().parent  # colcon links this file into a folder without the others
+    lines = (here / "requirements.txt").read_text().splitlines()
+    return [line.strip() for line in lines if line.startswith("ros-")]
 
 
 def package_dir() -> dict[str, str]:
