@@ -19,8 +19,9 @@ NO_COMPILER = ("cc", "gcc", "g++", "c++", "clang", "cmake", "ninja", "make")
 
 def run(*command: str | Path, where: Path, path: str = os.environ["PATH"], seconds: float = 600) -> str:
     """Run a command away from the sources; what it prints."""
-    home = {name: os.environ[name] for name in ("HOME", "ROS_DOMAIN_ID", "CI") if name in os.environ}
-    environment = {"PATH": path, "LANG": "C.UTF-8", "PIP_CONSTRAINT": str(ROOT / "constraints.txt"), **home}
+    network = ("PIP_", "UV_", "HTTP", "http", "SSL_")  # where this machine gets packages from
+    kept = {n: v for n, v in os.environ.items() if n in ("HOME", "ROS_DOMAIN_ID", "CI") or n.startswith(network)}
+    environment = kept | {"PATH": path, "LANG": "C.UTF-8", "PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
     told = subprocess.run(
         command, cwd=where, env=environment, capture_output=True, text=True, timeout=seconds, check=False
     )
