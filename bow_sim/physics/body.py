@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import Range, as_number
-from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
+from bow_sim.physics.number_files import COMMENTS, number, read_file, table
 
 STOPPANI = (
     "273.8/43.1/1.327792, 280.2/45.4/2.964635, 390.4/48.9/4.783186, 408.0/26.8/1.376636, 436.4/24.2/0.326922, "
@@ -269,22 +269,11 @@ def read_modes(path: str | Path) -> str:
     ParameterError
         If the file cannot be read, or a line is neither.
     """
-    try:
-        text = read_text(path)
-    except (OSError, ValueError) as error:
-        raise ParameterError(f"{path}: cannot be read: {error}") from None
-    if "/" in COMMENTS.sub("", text):
-        return ", ".join(COMMENTS.sub("", text).replace(",", " ").split())
-    try:
-        table = list(rows(text))
-    except ValueError as error:
-        raise ParameterError(f"{path}, {error}") from None
-    for line, words in table:
-        if len(words) != 3:
-            raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be f in Hz, Q, and m in kg")
-    if not table:
-        raise ParameterError(f"{path}: must have lines of f in Hz, Q, and m in kg")
-    return ", ".join("/".join(words) for _, words in table)
+    text = read_file(path)
+    bare = COMMENTS.sub("", text)
+    if "/" in bare:
+        return ", ".join(bare.replace(",", " ").split())
+    return table(path, text, 3, "f in Hz, Q, and m in kg")
 
 
 def _positive(word: str, what: str) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
+from bow_sim.physics.number_files import COMMENTS, number, read_file, table
 
 MOST = 1000
 """Points of a curve, at most; each costs time in every step."""
@@ -122,20 +122,8 @@ def read_curve(path: str | Path) -> str:
     ParameterError
         If the file cannot be read, or a line is neither.
     """
-    try:
-        content = read_text(path)
-    except (OSError, ValueError) as error:
-        raise ParameterError(f"{path}: cannot be read: {error}") from None
+    content = read_file(path)
     bare = COMMENTS.sub("", content)
     if "/" in bare and not any(line.strip()[:1].isalpha() for line in bare.split("\n")):
         return ", ".join(bare.replace(",", " ").split())
-    try:
-        table = list(rows(content))
-    except ValueError as error:
-        raise ParameterError(f"{path}, {error}") from None
-    for line, words in table:
-        if len(words) != 2:
-            raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be a slip speed and a coefficient")
-    if not table:
-        raise ParameterError(f"{path}: must have lines of a slip speed and a coefficient")
-    return ", ".join("/".join(words) for _, words in table)
+    return table(path, content, 2, "a slip speed and a coefficient")

@@ -10,6 +10,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from bow_sim.physics.errors import ParameterError
+
 COMMENTS = re.compile("[#%].*")
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
@@ -37,6 +39,51 @@ def read_text(path: str | Path) -> str:
     if "\0" in text:
         raise ValueError("is not text")
     return re.sub(r"\r\n?", "\n", text)
+
+
+def read_file(path: str | Path) -> str:
+    """Return the text of a file that a user names, as :func:`read_text`.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read, or is not text.
+    """
+    try:
+        return read_text(path)
+    except (OSError, ValueError) as error:
+        raise ParameterError(f"{path}: cannot be read: {error}") from None
+
+
+def table(path: str | Path, text: str, columns: int, what: str) -> str:
+    """Return the rows of a table as entries of settings: columns joined by "/", rows by commas.
+
+    Parameters
+    ----------
+    path
+        Of the file, for messages.
+    text
+        What it holds.
+    columns
+        Numbers in each row.
+    what
+        What they are: "must be WHAT" is said of another row.
+
+    Raises
+    ------
+    ParameterError
+        Where a row has another number of columns, a comma two possible meanings, or there is no row.
+    """
+    try:
+        found = list(rows(text))
+    except ValueError as error:
+        raise ParameterError(f"{path}, {error}") from None
+    for line, words in found:
+        if len(words) != columns:
+            raise ParameterError(f"{path}, line {line}: {' '.join(words)!r}: must be {what}")
+    if not found:
+        raise ParameterError(f"{path}: must have lines of {what}")
+    return ", ".join("/".join(words) for _, words in found)
 
 
 def number(word: str) -> float:

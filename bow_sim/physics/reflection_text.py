@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bow_sim.physics.body import read_modes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.friction_curve import read_curve
-from bow_sim.physics.number_files import COMMENTS, number, read_text, rows
+from bow_sim.physics.number_files import COMMENTS, number, read_file, rows
 
 FUNCTIONS = ("bridge_function", "nut_function", "torsion_bridge_function", "torsion_nut_function")
 """The settings that hold a reflection function as text."""
@@ -233,10 +233,7 @@ def read(path: str | Path) -> str:
     ParameterError
         If the file cannot be read or has none of these forms.
     """
-    try:
-        content = read_text(path)
-    except (OSError, ValueError) as error:
-        raise ParameterError(f"{path}: cannot be read: {error}") from None
+    content = read_file(path)
     if content.lstrip().startswith("{"):
         return _from_json(content, str(path)).text()
     if re.search(r"\bfirst\s*=", content):

@@ -8,12 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_classifier.block_classifier import BlockClassifier, Geometry
-from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.kernel.block import Block
-from bow_sim.physics.cells import paper_lanes
 from bow_sim.physics.parameters import Parameters
-from bow_sweep.maps.in_process import intervals_of
+from bow_sweep.maps.in_process import judged_chunks
 
 AT_ONCE = 512
 """Cells computed at once: what a block of a sweep has."""
@@ -87,13 +83,8 @@ def compute(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Motion:
 
 def _block(p: Parameters, lanes: Mapping[str, NDArray[np.float64]], first: int) -> Motion:
     count = len(next(iter(lanes.values())))
-    block, own = Block(p, lanes), paper_lanes(p, lanes)
-    speed, bridge = own.get("v_b", p.v_b), own.get("bow_bridge", p.bow_bridge)
-    classifier = BlockClassifier(Geometry.of(p), Thresholds(), count, speed, bridge)
     pieces, regimes, periods = [], [], []
-    for chunk in range(p.chunks):
-        c = block.advance()
-        verdict = classifier.classify(c.bridge_force, intervals_of(c))
+    for chunk, (c, verdict) in enumerate(judged_chunks(p, lanes)):
         regimes.append(verdict.regime)
         periods.append(verdict.period)
         cell = np.repeat(np.arange(count), c.offsets[1:] - c.offsets[:-1])

@@ -12,8 +12,8 @@ from bow_sim.physics.parameters import Parameters
 from bow_sweep.beyond.cells import compute
 from bow_sweep.beyond.claim import Claims, Finding, Maps, Point
 from bow_sweep.beyond.drawing import BLUE, MUTED, ORANGE, shade_map
-from bow_sweep.beyond.formulas import guettler_bounds
 from bow_sweep.beyond.measures import right_edge, significant
+from bow_sweep.maps.limits import guettler_bounds
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.plan.sweep import Sweep
 
@@ -36,12 +36,17 @@ REACH = {6: (0.98, 1.02), 8: (0.88, 0.91), 10: (0.82, 0.85), 12: (0.79, 0.82)}
 """1/beta -> how far the region reaches, over a_high: the ranges of the trial; "within 2 %" for 6."""
 
 
+def _bounds(p: Parameters) -> tuple[float, float]:
+    """Return Guettler's bounds of acceleration for a bow force of 1, v_b a period (PHYSICS.md section 9)."""
+    found = guettler_bounds(p)
+    assert found is not None, "strings of these claims have mu_d, and a bow near the bridge"
+    return found
+
+
 class _Region:
     """Accelerations of one string, and which begin with two regular periods."""
 
     def __init__(self, inverse: int, friction: tuple[float, float], gain: float) -> None:
-        low, high = guettler_bounds(1 / inverse, *friction)
-        self.a = np.concatenate([np.linspace(0.9, 1.1, 81) * low, np.linspace(1.1 * low, 1.1 * high, 241)[1:]])
         p = Parameters.from_mapping(
             {
                 "model": "raman",
@@ -57,6 +62,8 @@ class _Region:
                 "periods": 30,
             }
         )
+        low, high = _bounds(p)
+        self.a = np.concatenate([np.linspace(0.9, 1.1, 81) * low, np.linspace(1.1 * low, 1.1 * high, 241)[1:]])
         slips = compute(p, {"acceleration": self.a}).slips
         self.perfect = np.array([_two_periods(slips.of(i), a, IDEAL_N) for i, a in enumerate(self.a)])
         good = self.a[self.perfect]
@@ -150,7 +157,7 @@ def _draw_plane(plane: MapFile, lengths: NDArray[np.float64], edge: tuple[float,
     p = Sweep.from_spec("", plane.settings).parameters
     unit = p.v_unit * p.sample_rate / p.period  # m/s^2 of one v_b a period
     newton = p.y_t * p.z_0 * p.v_unit
-    for i, bound in enumerate(guettler_bounds(p.beta, p.mu_s, p.mu_d)):
+    for i, bound in enumerate(_bounds(p)):
         axes.plot(
             plane.x,
             plane.x / unit / bound * newton,

@@ -125,6 +125,16 @@ EDGES = {
 """Sweep along the ratio of the forces -> model, v_mid and force."""
 
 
+def _wolf(q: float, kappa: float) -> Wanted:
+    axes = _axis("x", "f_asym", "linear", 0.8, 6.0, 53) + _axis("y", "body_scale", "linear", 0.0, 1.0, 2)
+    return Wanted("", wolf_settings(q, kappa) + axes, ("x.count=14",))
+
+
+def _notes(*settings: str) -> Wanted:
+    axes = _axis("x", "f_asym", "log", 0.08, 8.0, 21) + _axis("y", "semitone", "linear", 0.0, 24.0, 25)
+    return Wanted("playability", (*settings, *axes), ("x.count=15",))
+
+
 def _edge(title: str) -> Wanted:
     words = title.replace(",", "").split()
     force = float(words[3])
@@ -133,20 +143,8 @@ def _edge(title: str) -> Wanted:
 
 
 SWEEPS: dict[str, Wanted] = {
-    "wolf": Wanted(
-        "",
-        wolf_settings(30.0, 0.02)
-        + _axis("x", "f_asym", "linear", 0.8, 6.0, 53)
-        + _axis("y", "body_scale", "linear", 0.0, 1.0, 2),
-        ("x.count=14",),
-    ),
-    "wolf_q50": Wanted(
-        "",
-        wolf_settings(50.0, 0.01)
-        + _axis("x", "f_asym", "linear", 0.8, 6.0, 53)
-        + _axis("y", "body_scale", "linear", 0.0, 1.0, 2),
-        ("x.count=14",),
-    ),
+    "wolf": _wolf(30.0, 0.02),
+    "wolf_q50": _wolf(50.0, 0.01),
     "mode_at_f_0": Wanted(
         "",
         (
@@ -191,20 +189,8 @@ SWEEPS: dict[str, Wanted] = {
         ),
         ("x.count=40",),
     ),
-    "stoppani": Wanted(
-        "playability",
-        (*_axis("x", "f_asym", "log", 0.08, 8.0, 21), *_axis("y", "semitone", "linear", 0.0, 24.0, 25)),
-        ("x.count=15",),
-    ),
-    "stoppani_b": Wanted(
-        "playability",
-        (
-            "stiffness_b=5e-05",
-            *_axis("x", "f_asym", "log", 0.08, 8.0, 21),
-            *_axis("y", "semitone", "linear", 0.0, 24.0, 25),
-        ),
-        ("x.count=15",),
-    ),
+    "stoppani": _notes(),
+    "stoppani_b": _notes("stiffness_b=5e-05"),
     **{f"steel_{speed:g}": _steel(speed) for speed in SPEEDS},
     **{
         name: Wanted(

@@ -10,13 +10,7 @@ from bow_sim.physics.parameters import Parameters
 from bow_sweep.beyond.cells import Slips, compute
 from bow_sweep.beyond.claim import MET, MISSED, NEAR, REPORTED, Point, verdict_of
 from bow_sweep.beyond.claims_linear import loop_roots
-from bow_sweep.beyond.formulas import (
-    fall_of_friction,
-    greatest_force,
-    guettler_bounds,
-    least_force,
-    split_frequencies,
-)
+from bow_sweep.beyond.formulas import fall_of_friction, greatest_force, least_force, split_frequencies
 from bow_sweep.beyond.measures import (
     beat,
     lower_limit,
@@ -26,6 +20,7 @@ from bow_sweep.beyond.measures import (
     upper_limit,
     wolf_counts,
 )
+from bow_sweep.maps.limits import guettler_bounds
 
 
 def test_a_limit_parts_failures_from_successes_with_the_fewest_on_the_wrong_side() -> None:
@@ -109,7 +104,10 @@ def test_the_least_force_over_a_dashpot_is_ramans() -> None:
 
 
 def test_guettlers_bounds_enclose_a_region_that_shrinks_as_the_bow_nears_the_bridge() -> None:
-    spans = [high / low for low, high in (guettler_bounds(1 / i, 0.8, 0.3) for i in (6, 8, 10, 12))]
+    spans = [
+        high / low
+        for low, high in (guettler_bounds(Parameters(period=360, bow_bridge=360 // i)) for i in (6, 8, 10, 12))
+    ]
     assert all(span > 1 for span in spans)
     assert spans == sorted(spans, reverse=True)
 
