@@ -30,12 +30,13 @@ class RunLog:
 
     def __init__(self, says_ends: bool = True) -> None:
         self.run = ""
+        self._closed = ""  # the last run that it said to be closed
         self._says_ends = says_ends
         self._outline: SweepOutline | None = None
         self._step = 0
 
     def take(self, plan: Mapping[str, Any], note: Callable[[], str] = str) -> list[str]:
-        """Return the lines that a plan gives rise to: none, one, or two where a run opens that has begun before.
+        """Return the lines that a plan gives rise to: none, one, or two where a run opens that has begun, or is over.
 
         Parameters
         ----------
@@ -47,7 +48,7 @@ class RunLog:
         run, lines = plan["run_id"], []
         is_open = plan["state"] == PlanState.OPEN
         if run != self.run:
-            if not is_open:
+            if not is_open and run == self._closed:
                 return []
             try:
                 self._outline = SweepOutline.of(plan)
@@ -59,7 +60,7 @@ class RunLog:
         settled = int(np.count_nonzero(plan["block_states"] != BlockState.OUTSTANDING))
         added = f"; {said}" if (said := note()) else ""
         if not is_open:
-            self.run = ""
+            self.run, self._closed = "", run
             if self._says_ends:
                 lines.append(f"run {run} closes: {settled} of {len(plan['block_states'])} blocks done{added}")
             return lines

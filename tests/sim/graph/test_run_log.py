@@ -34,6 +34,13 @@ def test_a_node_that_starts_late_says_how_far_the_run_is() -> None:
     assert said(RunLog(), plan(done=2))[1:] == [f"run {RUN}: 50 %, 2 blocks done"]
 
 
+def test_a_node_that_hears_of_a_run_when_it_is_over_says_both_ends_once() -> None:
+    closed = plan(PlanState.CLOSED, done=4)
+    opens, closes = said(RunLog(), closed, closed)
+    assert " opens: " in opens
+    assert closes == f"run {RUN} closes: 4 of 4 blocks done"
+
+
 def test_a_node_adds_what_it_has_done_itself() -> None:
     log = RunLog()
     said(log, plan())
