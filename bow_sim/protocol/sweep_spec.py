@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
-from bow_sim.physics.instruments import SI
+from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import (
     FIELDS,
     SWEEPABLE,
@@ -170,17 +170,19 @@ def check_name(key: str, name: str) -> None:
         return
     if name in WHY_NOT:
         raise ParameterError(f"{key}.name = {name!r}: cannot be swept: {WHY_NOT[name]}")
-    known = FIELDS.get(name)
-    if known is not None:
-        what = known.metadata.get("choices", ())
-        over = f"{name}={','.join(what[:2])}" if what else f"{name}=..."
-        raise ParameterError(
-            f"{key}.name = {name!r}: cannot be swept: it is no number; make a map for each, as by "
-            f"bow study --over {over}"
-        )
+    where = f"{key}.name = {name!r}: cannot be swept:"
+    choices = FIELDS[name].metadata.get("choices", ()) if name in FIELDS else tuple(PRESETS.get(name, ()))
+    if name in FIELDS or name in PRESETS:
+        over = f"{name}={','.join(choices[:2]) or '...'}"
+        raise ParameterError(f"{where} it is no number; {_STUDY} {over}")
+    if name.startswith("classifier."):
+        right = f"{_STUDY} {name}=...; or judge a run again: bow replay RUN --set {name.partition('.')[2]}=..."
+        raise ParameterError(f"{where} it changes no waveform, only what is said of it; {right}")
+    if name in ("block_cells", "adaptive", "repeats", "jitter", "seed"):
+        raise ParameterError(f"{where} it says how a map is computed, not what of; {_STUDY} {name}=...")
     close = difflib.get_close_matches(name, [*SWEEPABLE, *SI, *WHY_NOT], n=1)
     right = f"did you mean {close[0]}?" if close else f"one of {SWEEPABLE_NAMES}"
-    raise ParameterError(f"{key}.name = {name!r}: cannot be swept: there is no such parameter; {right}")
+    raise ParameterError(f"{where} there is no such parameter; {right}")
 
 
 _STUDY = "make a map for each, as by bow study --over"
