@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import SWEEPABLE_NAMES, TYPES, Parameters, is_sweepable, parse_settings
 from bow_sim.protocol.limits import MAX_CELLS
@@ -83,7 +84,7 @@ class Axis:
 
     def values(self) -> NDArray[np.float64]:
         """Return the values along the axis, (count,), both ends exact."""
-        space = np.geomspace if self.scale == "log" else np.linspace
+        space = exact.geometric if self.scale == "log" else np.linspace
         values: NDArray[np.float64] = space(self.first, self.last, self.count)
         values[0] = self.first
         if self.count > 1:

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.kernel.fingerprint import fingerprint, source_hash
 from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
@@ -145,6 +145,11 @@ class Sweep:
         """
         physics = [line for line in self.settings() if not line.startswith("classifier.")]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What this machine computes for the sweep (:func:`bow_sim.kernel.fingerprint.fingerprint`)."""
+        return fingerprint(self.parameters, self.x, self.y)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ HELLO = tuple(cdr.hello(name, OWN) for name in ("BridgeForce", "StickSlip"))
 class Sessions(RuleBasedStateMachine):
     @initialize(credit=st.integers(1, 3))
     def start(self, credit: int) -> None:
-        self.session = SimulatorSession(OWN, "f", lambda *who: who in self.living, credit, self.prepare)
+        self.session = SimulatorSession(OWN, lambda _: "f", lambda *who: who in self.living, credit, self.prepare)
         self.authority = Authority(lambda *who: who in self.living)
         self.living = {(COORDINATOR, run) for run, _ in RUNS}
         self.credit, self.now = credit, 0.0
