@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bench.scalar import PlainLoop, check
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import program
+from bow_sim.kernel.sources import program
 from bow_sim.physics.body import STOPPANI
 from bow_sim.physics.parameters import DTYPES, Parameters
 

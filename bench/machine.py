@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bow_sim.kernel.fingerprint import program
+from bow_sim.kernel.sources import program
 from bow_sweep.run.directory import VERSIONS_OF
 
 ROOT = Path(__file__).resolve().parent.parent

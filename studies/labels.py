@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import program
+from bow_sim.kernel.sources import program
 from bow_sweep.plan.sweep import Sweep
 
 ROOT = Path(__file__).resolve().parent.parent

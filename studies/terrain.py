@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 from bow_sim.figures.control import CONTOURS
 from bow_sim.figures.page import save, style
-from bow_sim.kernel.fingerprint import program
+from bow_sim.kernel.sources import program
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.figures.colours import transient_colours
 from bow_sweep.figures.layout import Layout, paint

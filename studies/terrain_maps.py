@@ -11,7 +11,7 @@ import numpy as np
 from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import DEFAULT_PRESET, THRESHOLD_PRESETS, Thresholds
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import program
+from bow_sim.kernel.sources import program
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import intervals_of
 from bow_sweep.maps.map_file import MapFile

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bow_sim.figures.catalogue import FIGURES, figure
 from bow_sim.figures.page import save
-from bow_sim.kernel.fingerprint import program
+from bow_sim.kernel.sources import program
 from bow_sweep.paper.validate import validate
 from tools.doc_page import put
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.kernel import time_loop
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
-from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.kernel.sources import source_hash
 from bow_sim.physics import exact, friction, gesture
 from bow_sim.physics.body import resonators
 from bow_sim.physics.cells import Cells, cells

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 
 from bow_sim.kernel.block import Block, transient
-from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.kernel.sources import source_hash
 from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
 
 

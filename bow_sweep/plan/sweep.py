@@ -16,7 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.kernel.fingerprint import fingerprint, source_hash
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import source_hash
 from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden

@@ -46,7 +46,7 @@ bow_sweep.processes: bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifie
 bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict bow_sweep.maps
 bow_sweep.beyond: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict
     bow_sweep.plan bow_sweep.maps bow_sweep.edges
-bow: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures bow_classifier.verdict
+bow: bow_sim.atomic_files bow_sim.physics bow_sim.protocol bow_sim.figures bow_classifier.verdict
     bow_classifier.features bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.figures bow_sweep.cell
     bow_sweep.processes
 bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures

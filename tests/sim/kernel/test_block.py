@@ -13,7 +13,7 @@ from scalar_string import intervals, simulate
 from sources import made_of
 
 from bow_sim.kernel.block import TRACES, Block, transient
-from bow_sim.kernel.fingerprint import SOURCES
+from bow_sim.kernel.sources import SOURCES
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import GESTURES, MODELS, Parameters
 
@@ -254,7 +254,7 @@ def test_cells_that_cannot_be_are_refused_by_parameter_place_and_value(lanes, wh
 
 
 NO_SOURCES = {
-    "bow_sim.kernel.fingerprint",  # lists them
+    "bow_sim.kernel.sources",  # lists them
     "bow_sim.simd.code_cache",  # stores the code
     "bow_sim.physics.errors",
 }

@@ -12,7 +12,7 @@ from terrains import KINDS, Look, example, texture
 
 from bow_classifier.verdict.regimes import REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.kernel.sources import source_hash
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile

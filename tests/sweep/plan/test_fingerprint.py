@@ -11,7 +11,8 @@ import pytest
 
 from bow_sim.kernel import fingerprint as module
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import PARTS, difference, source_hash
+from bow_sim.kernel.fingerprint import PARTS, difference
+from bow_sim.kernel.sources import source_hash
 from bow_sim.physics import exact
 from bow_sweep.plan.sweep import Sweep
 
