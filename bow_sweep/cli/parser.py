@@ -21,8 +21,10 @@ from bow_sweep.cli import (
     repeats,
     replay,
     settings,
+    status,
     sweep,
     transient,
+    up,
     validate,
     verify,
 )
@@ -43,6 +45,8 @@ def parser() -> argparse.ArgumentParser:
     looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
     for module in (*looked_at, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
+    up.add_commands(commands)
+    status.add_command(commands)
     nodes.add_commands(commands)
     return top
 
