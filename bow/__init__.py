@@ -1,10 +1,11 @@
 """Maps of the bowed string in Python: sweeps, recorded runs, their cells, and measured strings.
 
-A face over the other packages, for scripts and notebooks. It needs no ROS graph.
+A face over the other packages, for scripts and notebooks. Only `graph` needs ROS.
 
 found        what a map holds
 maps         a map: what a sweep found, its cells, tables and pictures
 sweeps       a sweep in this process, on all cores
+graphs       sweeps in a ROS graph
 cells        one cell: waveform, slips, spectrum, picture, sound
 dataset      a map, and the waveform of a cell, as xarray.Dataset
 tables       a map as a file: netCDF, CSV, Parquet
@@ -19,6 +20,7 @@ Public names, imported when they are first used:
 
 Cell         one cell of a map
 Comparison   how maps differ in playability and in settings
+Graph        a ROS graph that runs sweeps
 Judged       what is found in a measured bridge force
 Map          a map: what a sweep found
 Measured     a measure of a map, with its uncertainty
@@ -26,6 +28,7 @@ Picture      a picture; a notebook shows it
 Sound        a sound; a notebook plays it
 classify     judges a measured bridge force
 compare      compares maps
+graph        a ROS graph, to run sweeps in
 open         opens a recorded run
 sweep        computes a map in this process
 """
@@ -38,6 +41,8 @@ if TYPE_CHECKING:
     from bow.comparison import Comparison as Comparison
     from bow.comparison import compare as compare
     from bow.found import Measured as Measured
+    from bow.graphs import Graph as Graph
+    from bow.graphs import graph as graph
     from bow.maps import Map as Map
     from bow.maps import open_run as open
     from bow.recordings import Judged as Judged
@@ -49,6 +54,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Cell": "bow.cells:Cell",
     "Comparison": "bow.comparison:Comparison",
+    "Graph": "bow.graphs:Graph",
     "Judged": "bow.recordings:Judged",
     "Map": "bow.maps:Map",
     "Measured": "bow.found:Measured",
@@ -56,6 +62,7 @@ _PLACES = {
     "Sound": "bow.shown:Sound",
     "classify": "bow.recordings:classify",
     "compare": "bow.comparison:compare",
+    "graph": "bow.graphs:graph",
     "open": "bow.maps:open_run",
     "sweep": "bow.sweeps:sweep",
 }
@@ -63,6 +70,7 @@ _PLACES = {
 __all__ = [
     "Cell",
     "Comparison",
+    "Graph",
     "Judged",
     "Map",
     "Measured",
@@ -70,6 +78,7 @@ __all__ = [
     "Sound",
     "classify",
     "compare",
+    "graph",
     "open",
     "sweep",
 ]

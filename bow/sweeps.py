@@ -76,15 +76,29 @@ def sweep(
     >>> m.axes[0].name
     'bridge_r'
     """
+    plan = planned(preset, nx=nx, ny=ny, x=x, y=y, settings=settings, parameters=parameters)
+    with showing(progress, plan.budget) as show:
+        basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
+    return Map(_map_file(plan, basin))
+
+
+def planned(
+    preset: str,
+    *,
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> Sweep:
+    """Return the sweep that the arguments of :func:`sweep` describe."""
     given = [*embed_files(settings), *embed_files(_texts(parameters))]
     for key, axis, count in (("x", x, nx), ("y", y, ny)):
         given += _axis(key, axis)
         if count is not None:
             given.append(f"{key}.count={count}")
-    plan = Sweep.from_spec(preset, given)
-    with _shown(progress, plan.budget) as show:
-        basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
-    return Map(_map_file(plan, basin))
+    return Sweep.from_spec(preset, given)
 
 
 def _texts(parameters: Mapping[str, object], prefix: str = "") -> Iterator[str]:
@@ -124,7 +138,7 @@ def _map_file(plan: Sweep, basin: Basin) -> MapFile:
 
 
 @contextlib.contextmanager
-def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] | None]:
+def showing(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] | None]:
     """Yield a callback (done, total) that shows a bar on a terminal and in a notebook, and percentages elsewhere."""
     if not wanted:
         yield None
