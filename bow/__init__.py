@@ -8,7 +8,8 @@ sweeps       a sweep in this process, on all cores
 cells        one cell: waveform, slips, spectrum, picture, sound
 dataset      a map, and the waveform of a cell, as xarray.Dataset
 tables       a map as a file: netCDF, CSV, Parquet
-pictures     a map as a picture for a paper
+pictures     maps as a picture for a paper
+plots        several maps, or runs, as a picture
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
 recordings   a measured bridge force judged
@@ -27,6 +28,7 @@ Sound        a sound; a notebook plays it
 classify     judges a measured bridge force
 compare      compares maps
 open         opens a recorded run
+plot         a picture of several maps
 sweep        computes a map in this process
 """
 
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from bow.found import Measured as Measured
     from bow.maps import Map as Map
     from bow.maps import open_run as open
+    from bow.plots import plot as plot
     from bow.recordings import Judged as Judged
     from bow.recordings import classify as classify
     from bow.shown import Picture as Picture
@@ -57,6 +60,7 @@ _PLACES = {
     "classify": "bow.recordings:classify",
     "compare": "bow.comparison:compare",
     "open": "bow.maps:open_run",
+    "plot": "bow.plots:plot",
     "sweep": "bow.sweeps:sweep",
 }
 
@@ -71,6 +75,7 @@ __all__ = [
     "classify",
     "compare",
     "open",
+    "plot",
     "sweep",
 ]
 
