@@ -12,6 +12,7 @@ from bow_sim.graph import discovery
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
+from bow_sim.protocol.recording import RECORD
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
@@ -59,6 +60,7 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
         "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
+        "  bow sweep fig11d --record verdicts        a small bag: waveforms are computed again when asked for\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
         "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
@@ -77,6 +79,12 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--ny", metavar="N", help="cells along y (f_init/f_asym)")
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
+    parser.add_argument(
+        "--record",
+        choices=tuple(RECORD),
+        help="what the bag holds beside the verdicts: all streams (default), those of the last five periods, or none; "
+        "what is left out can be computed again to the bit, and `bow verify` proves it",
+    )
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument(
         "--simulators",
@@ -112,7 +120,7 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_sweep)
 
 
-_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive")}
+_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive", "record")}
 _SHORT = {**_SAME, "nx": "x.count", "ny": "y.count"}
 """Option -> the setting that it gives."""
 

@@ -183,6 +183,13 @@ def replay(
         first = survey.problems[0]
         raise BagError(f"{directory}: {first['what']} ({first.get('file', '')}); `bow verify` tells more")
     task = task_of(survey)
+    if len(task.outline.recorded_chunks) < task.outline.chunks:
+        raise BagError(
+            f"{directory}: was recorded with record={task.outline.record}: the streams bridge_force and stick_slip of "
+            f"{task.outline.chunks - len(task.outline.recorded_chunks)} of {task.outline.chunks} chunks of each block "
+            "are not in it, so they cannot be replayed; `bow verify --all` computes them again and derives the same "
+            "verdicts, and a sweep with --record all records them"
+        )
     recorded = task.thresholds
     task = task_of(survey, changed(recorded, settings))
     assert survey.expected is not None
