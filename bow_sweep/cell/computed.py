@@ -15,7 +15,6 @@ import numpy as np
 from bow_sim.block_request import BlockRequest, encode_chunk
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.cell_record import CellTests
 from bow_sweep.cell.parameters import Plane, lanes
@@ -23,7 +22,7 @@ from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import verdicts
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.again import Kernel
+from bow_sweep.record.again import Kernel, checksum
 
 
 def compute(plane: Plane, cell: int, periods: int | None = None) -> Waveform:
@@ -75,12 +74,8 @@ def chunk_checksums(plane: Plane, block: int, cells: np.ndarray) -> list[int]:
     block, cells
         Number of the block, and its cells.
     """
-    out = []
-    for chunk, messages in enumerate(_messages(plane, {"run_id": "", "sweep_id": "", "block": block, "cells": cells})):
-        names = ("BridgeForce", "StickSlip")
-        sums = [int(cdr.decode_head(name, data)["checksum"]) for name, data in zip(names, messages, strict=True)]
-        out.append(cdr.chunk_checksum(block, chunk, *sums))
-    return out
+    identity = {"run_id": "", "sweep_id": "", "block": block, "cells": cells}
+    return [checksum(*messages) for messages in _messages(plane, identity)]
 
 
 def kernel() -> Kernel:

@@ -68,6 +68,12 @@ class Again:
         return sorted(drawn)
 
 
+def checksum(force: bytes, slip: bytes) -> int:
+    """Return the checksum of a chunk from its messages BridgeForce and StickSlip, as receipts and verdicts state it."""
+    heads = [cdr.decode_head(name, data) for name, data in (("BridgeForce", force), ("StickSlip", slip))]
+    return cdr.chunk_checksum(heads[0]["block"], heads[0]["chunk"], *(int(head["checksum"]) for head in heads))
+
+
 def compare(survey: Survey, task: Task, block: int, kernel: Kernel) -> Iterator[tuple[Key, str]]:
     """Compute a block again; yield each of its chunks, and what differs from the bag there, "" for nothing.
 
@@ -96,10 +102,8 @@ def _differs(
     """Return what differs between the verdict of a chunk and the one on the chunk computed again; "" for nothing."""
     there, here = str(survey.plan["fingerprint"]), kernel.fingerprint
     other = f"; the run's kernel is another one, so nothing is proved here: {there}, here is {here}"
-    messages = {"BridgeForce": force, "StickSlip": slip}
-    heads = [cdr.decode_head(name, data) for name, data in messages.items()]
-    made = cdr.chunk_checksum(heads[0]["block"], heads[0]["chunk"], *(int(head["checksum"]) for head in heads))
-    out = [answer for name, data in messages.items() for answer in classifier.take(name, data)]
+    made = checksum(force, slip)
+    out = classifier.take("BridgeForce", force) + classifier.take("StickSlip", slip)
     if made != known.chunk_checksum:
         what = f"the verdicts are on chunk {known.chunk_checksum:016x}, computed again it is {made:016x}"
         return what + other * (there != here)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import recording
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from outlines import outline
 from small_graph import SmallGraph
@@ -182,6 +183,46 @@ def test_streams_that_are_not_to_be_recorded_are_heard_and_counted_and_not_answe
             session.repeat_receipts()
     finally:
         session.abandon()
+
+
+TAKEN = st.tuples(
+    st.integers(0, 2), st.integers(0, 3), st.sampled_from([*STREAMS, "verdicts"]), st.integers(1, 2), st.booleans()
+)
+"""Block, chunk, topic, attempt, and whether the message is torn."""
+
+
+@pytest.mark.parametrize("mode", list(SWEEPS))
+def test_every_message_is_stored_once_a_duplicate_not_to_be_recorded_or_ignored(tmp_path: Path, mode: str) -> None:
+    sweep = SWEEPS[mode]
+
+    @settings(max_examples=12, deadline=None)
+    @given(whole=st.sets(st.integers(0, 2)), more=st.lists(TAKEN, max_size=30))
+    def holds(whole: set[int], more: list[tuple[int, int, str, int, bool]]) -> None:
+        topics = (*STREAMS, "verdicts")
+        taken = [(block, chunk, topic, 1, False) for block in whole for chunk in range(4) for topic in topics] + more
+        run = Path(tempfile.mkdtemp(dir=tmp_path))
+        data = recording.plan(sweep)
+        session = Session(run, cdr.decode("Plan", data), data, "7" * 16, 0, sync=False, lock=False)
+        stored = set()
+        try:
+            for block, chunk, topic, attempt, torn in taken:
+                message = getattr(recording.chunks(sweep, block, attempt)[chunk], topic)
+                session.take(topic, message[:40] if torn else message, 0)
+                if not torn and (topic == "verdicts" or chunk in sweep.recorded_chunks):
+                    stored.add((topic, block, chunk))
+            found = session.stored
+            assert len(found) == len(stored)
+            assert len(taken) == len(found) + found.duplicates + session.passed + session.ignored
+            assert session.ignored == sum(torn for *_, torn in taken)
+            each = 4 + 2 * len(sweep.recorded_chunks)
+            right = {block for block, count in Counter(block for _, block, _ in stored).items() if count == each}
+            answer = session.commit(0)
+            values = cdr.decode("Receipt", answer) if answer else {"kind": np.zeros(0), "block": np.zeros(0)}
+            assert set(values["block"][values["kind"] == ReceiptKind.BLOCK].tolist()) == right
+        finally:
+            session.abandon()
+
+    holds()
 
 
 def kinds(session: Session) -> Counter[int]:
