@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,10 @@ from bow_classifier.task import Task
 from bow_sim.protocol import cdr
 from bow_sim.protocol.recording import PROVED_CELLS
 from bow_sim.protocol.sweep_outline import SweepOutline
-from bow_sweep.record.bag_contents import Key, Survey, Verdict
-from bow_sweep.record.replay import differing
+from bow_sim.protocol.verdict_fields import differing
+
+if TYPE_CHECKING:
+    from bow_sweep.record.bag_contents import Key, Survey, Verdict
 
 
 class Kernel(NamedTuple):

@@ -23,7 +23,7 @@ from bow_sim.atomic_files import replacing
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
-from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+from bow_sim.protocol.verdict_fields import differing
 from bow_sweep.maps.basin_map import transient_lengths
 from bow_sweep.maps.reliability import Reliability
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
@@ -104,11 +104,6 @@ def classify_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, A
     with Chunks() as chunks:
         for block in range(task.outline.blocks):
             yield from classify_block(survey, task, block, chunks)
-
-
-def differing(recorded: dict[str, np.ndarray], again: dict[str, Any]) -> list[str]:
-    """Return the names of the fields of two verdicts that differ in any byte."""
-    return [name for name in VERDICT_FIELDS if recorded[name].tobytes() != again[name].tobytes()]
 
 
 def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:

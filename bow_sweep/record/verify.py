@@ -16,12 +16,13 @@ from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import differing
 from bow_sweep.plan.adaptive import next_round, within_budget
 from bow_sweep.record.again import Again, Kernel, compare
 from bow_sweep.record.bag import FOLDER, BagError, bag_of
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
-from bow_sweep.record.replay import SCAN_SHARE, classify_block, differing, task_of
+from bow_sweep.record.replay import SCAN_SHARE, classify_block, task_of
 from bow_sweep.record.verify_files import FileChecks, transient_lengths
 
 RECEIPTS_BLOCKS = 2
