@@ -12,7 +12,6 @@ from bow_sim.graph import discovery
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
-from bow_sim.protocol.recording import RECORD
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
@@ -81,9 +80,9 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
     parser.add_argument(
         "--record",
-        choices=tuple(RECORD),
-        help="what the bag holds beside the verdicts: all streams (default), those of the last five periods, or none; "
-        "what is left out can be computed again to the bit, and `bow verify` proves it",
+        metavar="WHAT",
+        help="what the bag holds beside the verdicts: all streams (the default), last (those of the last five periods) "
+        "or verdicts (none); what is left out can be computed again to the bit, and `bow verify` proves it",
     )
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument(
