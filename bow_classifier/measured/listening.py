@@ -32,7 +32,8 @@ PAUSE_S = 1.0
 """A stretch ends when nothing comes for so long, unless something else is asked for."""
 
 RATE_S, RATE_OFF = 5.0, 0.03
-"""After how many seconds it is said that the rate of arrival is not the sample rate, by more than this part of it."""
+"""It is said that the rate of arrival is not the sample rate if it differs by more than this part of it, over so many
+seconds and again over as many: a busy machine is late too, but not by the same part."""
 
 CLIPPED = 4
 """Equal samples in a row, at the largest or smallest value so far, that are said to be clipped."""
@@ -86,7 +87,7 @@ class Listener:
         self._pieces: Pieces | None = None
         self._restart()
         self._arrived_at: float | None = None
-        self._rate_since, self._rate_samples, self._rate_said = 0.0, 0, False
+        self._rate_since, self._rate_samples, self._rate_found, self._rate_said = 0.0, 0, given.sample_rate, False
 
     def _restart(self) -> None:
         self._buffer: NDArray[np.float64] = np.zeros(0)
@@ -178,11 +179,12 @@ class Listener:
         passed, rate = now - self._rate_since, self._given.sample_rate
         if passed < RATE_S:
             return
-        found = self._rate_samples / passed
-        self._rate_since, self._rate_samples = now, 0
-        if abs(found / rate - 1) > RATE_OFF and not self._rate_said:
+        found, before = self._rate_samples / passed, self._rate_found
+        self._rate_since, self._rate_samples, self._rate_found = now, 0, found
+        is_off = abs(found / rate - 1) > RATE_OFF and abs(found / before - 1) < RATE_OFF  # and not a busy machine
+        if is_off and not self._rate_said:
             self.complaints.append(f"{found:.0f} samples come in a second; sample_rate is {rate:g}")
-        self._rate_said = abs(found / rate - 1) > RATE_OFF
+        self._rate_said |= is_off
 
     def _watch_limits(self, samples: NDArray[np.float64]) -> None:
         """Note samples that stay at the largest or smallest value."""

@@ -45,8 +45,8 @@ def samples_in(kind: str, data: bytes) -> NDArray[np.floating]:
     """
     dtype = TYPES[kind]
     try:
-        body, order = data[4:], {0: ">", 1: "<"}[data[1]]
-        dtype = dtype.newbyteorder(order)
+        body, order = data[4:], "<" if data[1] else ">"
+        dtype = dtype.newbyteorder("<" if data[1] else ">")
         if not kind.endswith("MultiArray"):
             return np.frombuffer(body, dtype, 1)
         (dimensions,) = struct.unpack_from(f"{order}I", body, 0)
@@ -65,7 +65,7 @@ def samples_in(kind: str, data: bytes) -> NDArray[np.floating]:
         at += 8
         at += -at % dtype.itemsize if count else 0
         samples = np.frombuffer(body, dtype, count, at)
-    except (KeyError, IndexError, ValueError, struct.error) as error:
+    except (IndexError, ValueError, struct.error) as error:
         raise SamplesError(f"{kind}: not such a message: {error}") from None
     return _one_row(samples, wide)[offset:]
 

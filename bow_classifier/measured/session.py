@@ -18,7 +18,7 @@ import numpy as np
 from bow_classifier.measured.listening import PAUSE_S, Begin, End, Listener
 from bow_classifier.measured.pieces import Piece
 from bow_classifier.measured.tuning import CORNER, Given, Tuning
-from bow_classifier.verdict.regimes import REGIMES
+from bow_classifier.verdict.regimes import HELMHOLTZ, REGIMES, is_helmholtz
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import CHUNK_PERIODS, Parameters
 from bow_sim.protocol import cdr
@@ -97,7 +97,7 @@ class Session:
         self._thresholds = Thresholds(corner=CORNER)
         self._runs: deque[_Run] = deque()
         self.out: deque[Out] = deque()
-        self._latest = (-1, 0)  # regime, and how many tests in a row
+        self._latest, self._named = (-1, 0), -1  # regime, and how many tests in a row; regime that the log named
 
     @property
     def run_id(self) -> str:
@@ -149,10 +149,12 @@ class Session:
             return
         run = self._runs[0]
         run.window.answered((0, values["chunk"]), now, judged=True)
-        regime = int(values["regime"][0])
+        code = int(values["regime"][0])
+        regime = HELMHOLTZ if is_helmholtz(code) else code  # extra slips cannot be told from a force alone
         count = self._latest[1] + 1 if regime == self._latest[0] else 1
         self._latest = (regime, count)
-        if count == STEADY_TESTS:
+        if count == STEADY_TESTS and regime != self._named:
+            self._named = regime
             seconds = (values["chunk"] + 1 - STEADY_TESTS) * CHUNK_PERIODS / run.tuning.f0
             self.out.append(Out("log", f"{seconds:.2f} s: {REGIMES[regime].replace('_', ' ')}"))
 
@@ -201,7 +203,7 @@ class Session:
     def _open(self, run: _Run, now: float, recorder: bool, missing: Callable[[str, bool], list[str]]) -> None:
         if run.announced is None:  # when it becomes the first
             run.announced, run.recorder = now, recorder
-            self._latest = (-1, 0)
+            self._latest, self._named = (-1, 0), -1
             self._plan(run)
             self.out.append(Out("log", f"run {run.run_id} opens: {self._about(run)}"))
         lacking = missing(run.run_id, run.recorder)

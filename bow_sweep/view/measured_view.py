@@ -14,7 +14,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from bow_classifier.verdict.regimes import REGIMES
+from bow_classifier.verdict.regimes import HELMHOLTZ, REGIMES, is_helmholtz
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.states import PlanState
 from bow_sim.protocol.sweep_outline import SweepOutline
@@ -182,6 +182,7 @@ class MeasuredView:
         self._tests += 1
         self._now((values["chunk"] + 1) * CHUNK_PERIODS / self._frequency)
         code = int(values["regime"][0])
+        code = HELMHOLTZ if is_helmholtz(code) else code  # extra slips cannot be told from a force alone
         if code != self._regime:
             self._regime = code
             name = self._names[code] if code < len(self._names) else f"code {code}"
