@@ -14,7 +14,7 @@ plots        several maps, or runs, as a picture
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
 recordings   a measured bridge force judged
-force_slips  the slips of a string, from its bridge force alone
+recorded     recordings of a bridge force in files
 optional     libraries that not every installation has
 
 Public names, imported when they are first used:

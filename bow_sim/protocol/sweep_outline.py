@@ -20,6 +20,7 @@ from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
+from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
 from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
@@ -125,6 +126,18 @@ class SweepOutline:
         if not planned.extends(known):
             raise ParameterError(f"Plan.rounds: its {planned.count} blocks do not contain the {known.count} known ones")
         return replace(self, planned=planned)
+
+    def followed(self, plan: Mapping[str, Any]) -> SweepOutline:
+        """Return the outline that a later plan of this run gives: with more rounds, or the length of what was measured.
+
+        Raises
+        ------
+        ParameterError
+            As :meth:`grown`, or where the plan of a measured string cannot be.
+        """
+        if is_measured(plan) and tuple(plan["spec.settings"]) != self.settings:
+            return SweepOutline.of(plan)
+        return self.grown(plan["rounds"])
 
     @property
     def shape(self) -> tuple[int, int]:

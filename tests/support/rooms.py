@@ -20,8 +20,9 @@ bow_sim.figures: bow_sim.atomic_files bow_sim.physics bow_sim.kernel
 bow_sim: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph
 bow_classifier.verdict: bow_sim.simd bow_sim.physics
 bow_classifier.features: bow_sim.simd bow_classifier.verdict
+bow_classifier.measured: bow_sim.physics bow_sim.protocol bow_classifier.verdict bow_classifier.features
 bow_classifier: bow_sim.simd bow_sim.physics bow_sim.protocol bow_sim.graph bow_classifier.verdict
-    bow_classifier.features
+    bow_classifier.features bow_classifier.measured
 bow_sweep.plan: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim.kernel bow_sim.protocol
     bow_classifier.verdict
 bow_sweep.maps: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_classifier.verdict
@@ -32,11 +33,11 @@ bow_sweep.record: bow_sim.atomic_files bow_sim.physics bow_sim.protocol bow_sim.
     bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.run
 bow_sweep.figures: bow_sim.physics bow_sim.protocol bow_sim.figures bow_sweep.maps
 bow_sweep.cell: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures bow_sim
-    bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.figures
+    bow_classifier.verdict bow_classifier.measured bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.figures
 bow_sweep.edges: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.figures
-bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.run
-    bow_sweep.figures bow_sweep.cell
+bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict bow_sweep.maps
+    bow_sweep.run bow_sweep.figures bow_sweep.cell
 bow_sweep.explore: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sweep.maps
     bow_sweep.figures bow_sweep.cell
 bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim bow_classifier.verdict
@@ -49,7 +50,7 @@ bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.v
 bow_sweep.beyond: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict
     bow_sweep.plan bow_sweep.maps bow_sweep.edges
 bow: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
-    bow_classifier.verdict bow_classifier.features bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.figures
+    bow_classifier.verdict bow_classifier.measured bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.figures
     bow_sweep.cell bow_sweep.processes bow_sweep.standing
 bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures
