@@ -11,6 +11,7 @@ tables       a map as a file: netCDF, CSV, Parquet
 pictures     a map as a picture for a paper
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
+studies      a family of maps over further parameters
 recordings   a measured bridge force judged
 force_slips  the slips of a string, from its bridge force alone
 optional     libraries that not every installation has
@@ -24,9 +25,11 @@ Map          a map: what a sweep found
 Measured     a measure of a map, with its uncertainty
 Picture      a picture; a notebook shows it
 Sound        a sound; a notebook plays it
+Study        a family of maps over further parameters
 classify     judges a measured bridge force
 compare      compares maps
-open         opens a recorded run
+open         opens a recorded run, or a study
+study        computes a family of maps in this process
 sweep        computes a map in this process
 """
 
@@ -39,11 +42,13 @@ if TYPE_CHECKING:
     from bow.comparison import compare as compare
     from bow.found import Measured as Measured
     from bow.maps import Map as Map
-    from bow.maps import open_run as open
     from bow.recordings import Judged as Judged
     from bow.recordings import classify as classify
     from bow.shown import Picture as Picture
     from bow.shown import Sound as Sound
+    from bow.studies import Study as Study
+    from bow.studies import open_any as open
+    from bow.studies import study as study
     from bow.sweeps import sweep as sweep
 
 _PLACES = {
@@ -54,9 +59,11 @@ _PLACES = {
     "Measured": "bow.found:Measured",
     "Picture": "bow.shown:Picture",
     "Sound": "bow.shown:Sound",
+    "Study": "bow.studies:Study",
     "classify": "bow.recordings:classify",
     "compare": "bow.comparison:compare",
-    "open": "bow.maps:open_run",
+    "open": "bow.studies:open_any",
+    "study": "bow.studies:study",
     "sweep": "bow.sweeps:sweep",
 }
 
@@ -68,9 +75,11 @@ __all__ = [
     "Measured",
     "Picture",
     "Sound",
+    "Study",
     "classify",
     "compare",
     "open",
+    "study",
     "sweep",
 ]
 

@@ -76,15 +76,43 @@ def sweep(
     >>> m.axes[0].name
     'bridge_r'
     """
+    plan = Sweep.from_spec(preset, given_settings(nx, ny, x, y, settings, parameters))
+    return computed(plan, workers, progress)
+
+
+def given_settings(
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> list[str]:
+    """Return the arguments of :func:`sweep` as "name=value" settings."""
     given = [*embed_files(settings), *embed_files(_texts(parameters))]
     for key, axis, count in (("x", x, nx), ("y", y, ny)):
         given += _axis(key, axis)
         if count is not None:
             given.append(f"{key}.count={count}")
-    plan = Sweep.from_spec(preset, given)
-    with _shown(progress, plan.budget) as show:
+    return given
+
+
+def computed(plan: Sweep, workers: int | None, progress: bool, what: str = "sweep") -> Map:
+    """Compute a planned sweep; `what` is the word of its progress. For the others see :func:`sweep`."""
+    with _shown(progress, plan.budget, what) as show:
         basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
     return Map(_map_file(plan, basin))
+
+
+def written(name: str, value: object) -> str:
+    """Return a Python value as a setting is written; a float has all its bits.
+
+    Raises
+    ------
+    ParameterError
+        Where it is neither a number nor a text.
+    """
+    return next(iter(_texts({name: value}))).partition("=")[2]
 
 
 def _texts(parameters: Mapping[str, object], prefix: str = "") -> Iterator[str]:
@@ -124,7 +152,7 @@ def _map_file(plan: Sweep, basin: Basin) -> MapFile:
 
 
 @contextlib.contextmanager
-def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] | None]:
+def _shown(wanted: bool, cells: int, what: str) -> Iterator[Callable[[float, float], None] | None]:
     """Yield a callback (done, total) that shows a bar on a terminal and in a notebook, and percentages elsewhere."""
     if not wanted:
         yield None
@@ -136,8 +164,8 @@ def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] 
     if not (console.is_terminal or console.is_jupyter):
         from bow_sweep.processes.progress import percentages
 
-        yield percentages("sweep")
+        yield percentages(what)
         return
     with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("sweep", total=cells)
+        task = bar.add_task(what, total=cells)
         yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -21,6 +21,7 @@ from bow_sweep.cli import (
     repeats,
     replay,
     settings,
+    study,
     sweep,
     transient,
     validate,
@@ -40,7 +41,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
+    looked_at = sweep, study, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
     for module in (*looked_at, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
     nodes.add_commands(commands)
