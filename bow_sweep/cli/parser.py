@@ -21,9 +21,11 @@ from bow_sweep.cli import (
     repeats,
     replay,
     settings,
+    status,
     study,
     sweep,
     transient,
+    up,
     validate,
     verify,
 )
@@ -44,6 +46,8 @@ def parser() -> argparse.ArgumentParser:
     looked_at = sweep, study, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
     for module in (*looked_at, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
+    up.add_commands(commands)
+    status.add_command(commands)
     nodes.add_commands(commands)
     return top
 

@@ -35,14 +35,16 @@ bow_sweep.cell: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.prot
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.figures
 bow_sweep.edges: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.figures
-bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.figures
-    bow_sweep.cell
+bow_sweep.view: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sweep.maps bow_sweep.run
+    bow_sweep.figures bow_sweep.cell
 bow_sweep.explore: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sweep.maps
     bow_sweep.figures bow_sweep.cell
 bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim bow_classifier.verdict
     bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures bow_sweep.cell
 bow_sweep.processes: bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict bow_classifier
     bow_sweep.plan bow_sweep.run bow_sweep.record bow_sweep.view
+bow_sweep.standing: bow_sim.atomic_files bow_sim.protocol bow_sim.graph bow_sweep.plan bow_sweep.run
+    bow_sweep.processes
 bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict bow_sweep.maps
 bow_sweep.beyond: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict
     bow_sweep.plan bow_sweep.maps bow_sweep.edges
@@ -52,7 +54,7 @@ bow: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_si
 bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures
     bow_sweep.cell bow_sweep.edges bow_sweep.view bow_sweep.explore bow_sweep.coordinator bow_sweep.processes
-    bow_sweep.paper bow_sweep.beyond bow
+    bow_sweep.standing bow_sweep.paper bow_sweep.beyond bow
 bow_sweep: bow_sim.graph bow_sweep.plan bow_sweep.maps bow_sweep.record bow_sweep.cell bow_sweep.processes
     bow_sweep.cli
 """
