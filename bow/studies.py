@@ -333,6 +333,6 @@ def _dataset(of: Study) -> xarray.Dataset:
     same = {
         name: value
         for name, value in maps[0].attrs.items()
-        if all(np.array_equal(each.attrs.get(name), value) for each in maps)
+        if all(name in each.attrs and np.array_equal(each.attrs[name], value) for each in maps)
     }
     return xr.Dataset(variables, coordinates | plane, same)

@@ -1,13 +1,15 @@
-"""Several maps run one after the other, over one graph where there is one: for `bow study` and `bow optimise`."""
+"""Several maps run one after the other over one graph: for `bow study` and `bow optimise`."""
 
 from __future__ import annotations
 
 import contextlib
 import shlex
+import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
+from bow_sweep.cli.sweep import bounded, cores
 from bow_sweep.cli.sweep_report import self_check
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED
@@ -16,62 +18,60 @@ from bow_sweep.run.directory import RunError
 if TYPE_CHECKING:
     from bow_sweep.cli.sweep_jobs import Job
     from bow_sweep.processes.new_directory import OwnedDirectory
-    from bow_sweep.processes.progress import Display
+    from bow_sweep.processes.progress import Display, Progress
+    from bow_sweep.standing.client import Graph
 
 
-class Graph(Protocol):
-    """What runs a map: a graph that stays for all of them, or one for each."""
-
-    def run(self, job: Job, display: Display) -> list[Path]:
-        """Run a map until its directory is finished; return the logs of processes that it went on without.
-
-        Raises
-        ------
-        GraphError
-            Where the graph cannot go on; the run can be resumed when the cause is removed.
-        KeyboardInterrupt
-            After Ctrl-C or SIGTERM.
-        """
-
-
-class GraphEach:
-    """A graph for each map: its processes start and end with it.
+@contextlib.contextmanager
+def graph_for(simulators: int | None, own: bool, root: Path, display: Display) -> Iterator[Graph]:
+    """Yield the graph of `bow up` where it is there and fits, else one that ends with this context.
 
     Parameters
     ----------
     simulators
-        Number of simulator processes.
+        Number of simulator processes that the user asks for; None for any.
+    own
+        Never use the graph of `bow up`.
+    root
+        Directory of the runs.
+
+    Raises
+    ------
+    GraphError
+        Where it cannot be started or reached.
     """
+    from bow_sweep.standing.client import connect, private_graph
+    from bow_sweep.standing.fits import objection, since
+    from bow_sweep.standing.state import default_folder, read_state
 
-    def __init__(self, simulators: int) -> None:
-        self.simulators = simulators
-
-    def run(self, job: Job, display: Display) -> list[Path]:
-        """Run a map, see :class:`Graph`."""
-        from bow_sweep.processes.run_graph import run_graph
-
-        job.directory.mkdir(exist_ok=True)
-        return run_graph(
-            job.directory,
-            job.run_id,
-            job.sweep,
-            resume=job.resume,
-            simulators=self.simulators,
-            dashboard=False,
-            display=display,
-        )
-
-
-@contextlib.contextmanager
-def graph_of(simulators: int, root: Path) -> Iterator[Graph]:
-    """Yield a graph that runs maps in directories below `root`."""
-    yield GraphEach(simulators)
+    state = None if own else read_state(default_folder())
+    problem = objection(state, simulators=simulators, dashboard=False, watched=False) if state else ""
+    if state and not problem:
+        display.print_line(f"uses the graph of `bow up`, there since {since(state)}; --own-graph does without it")
+        with connect() as graph:
+            yield graph
+        return
+    if problem:
+        display.print_line(f"the graph of `bow up` is not used, {problem}")
+    number = bounded(simulators or cores(), cores())
+    with private_graph(number, root, say=display.print_line) as graph:
+        yield graph
 
 
 def run_maps(
-    owned: OwnedDirectory, jobs: Iterable[Job], *, count: int, cells: int, simulators: int, go_on: str, made: int = 0
-) -> tuple[int, list[Path]]:
-    """Run maps, with one display, and release their directory.
+    owned: OwnedDirectory,
+    jobs: Iterable[Job],
+    *,
+    count: int,
+    cells: int,
+    simulators: int | None,
+    own_graph: bool,
+    go_on: str,
+    made: int = 0,
+) -> int:
+    """Run maps, with one display, and release their directory; return the exit status.
+
+    What goes wrong is printed, with the command that goes on.
 
     Parameters
     ----------
@@ -81,62 +81,50 @@ def run_maps(
         Asked for one after the other: the next may depend on what the one before has found.
     count, cells
         Number of jobs, and of all their cells.
-    simulators
-        Number of simulator processes.
+    simulators, own_graph
+        As for :func:`graph_for`.
     go_on
         Command with which the user goes on after an interruption.
     made
         Maps that are there already.
-
-    Returns
-    -------
-    int
-        Exit status; what is wrong is printed.
-    list
-        Logs of processes that a run went on without.
     """
     from bow_sweep.processes.progress import Display
     from bow_sweep.processes.supervisor import GraphError
 
     display = Display()
-    left_out: list[Path] = []
+
+    def show(progress: Progress | None, waiting: str) -> None:
+        display.show(progress, waiting, time.monotonic())
+
     before = 0
     again = f"go on with: {go_on}"
+    owned.new = False  # what was asked is in it: it stays, and can be gone on with
     try:
-        with graph_of(simulators, owned.directory) as graph:
+        with contextlib.ExitStack() as stack:
+            graph: Graph | None = None
             for number, job in enumerate(jobs, 1):
-                display.begin(f"map {made + number} of {made + count}", before, cells)
+                graph = graph or stack.enter_context(graph_for(simulators, own_graph, owned.directory, display))
+                which = f"map {made + number} of {made + count}"
                 p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
+                display.begin(which, before, cells)
                 display.print_line(
-                    f"map {made + number} of {made + count}, {job.directory.name}: {p.model}, {x.count} x {y.count} "
-                    f"cells, {p.periods} periods"
+                    f"{which}, {job.directory.name}: {p.model}, {x.count} x {y.count} cells, {p.periods} periods"
                 )
-                if number == 1:
-                    for note in job.sweep.notes:
-                        display.print_line(f"note: {note}")
-                left_out += graph.run(job, display)
+                for note in job.sweep.notes if number == 1 else ():
+                    display.print_line(f"note: {note}")
+                graph.run(job.sweep, job.directory, job.run_id, progress=show, resume=job.resume)
                 if problem := self_check(job.directory, display.print_line, whole=job.resume):
                     raise RunError(problem)
                 before += job.sweep.budget
     except KeyboardInterrupt:
-        return _stopped(owned, display, f"interrupted; nothing is lost, {again}", INTERRUPTED), left_out
+        why, status = f"interrupted; nothing is lost, {again}", INTERRUPTED
     except (GraphError, RunError, OSError) as error:
-        return _stopped(owned, display, f"{error}\n{again}", FAILED), left_out
+        why, status = f"{error}\n{again}", FAILED
+    else:
+        why, status = "", DONE
     display.stop()
-    _release(owned)
-    return DONE, left_out
-
-
-def _stopped(owned: OwnedDirectory, display: Display, why: str, status: int) -> int:
-    display.stop()
-    _release(owned)
-    return fail(why, status)
-
-
-def _release(owned: OwnedDirectory) -> None:
-    """Release the lock, and keep the directory: what was asked is in it, and can be gone on with."""
-    owned.new = False
     owned.release()
+    return fail(why, status) if why else status
 
 
 def resume_command(command: str, directory: Path) -> str:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
-from bow_sweep.cli.sweep import bounded, cores
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.maps.playability import MEASURES
 from bow_sweep.plan.preset_files import choose
@@ -38,7 +37,7 @@ def add_command(commands: Any) -> None:
         "  --over NAME=FIRST:LAST:COUNT   COUNT values; :log or :linear sets the scale\n"
         "  --over NAME=VALUE,VALUE,...    these values, texts too: model=raman,delta_cremer, preset=fig11c,fig11d\n\n"
         "Each measure has four independent values, from the four interleaved grids of a map. Two maps are compared by\n"
-        "Welch's t test on these, with Holm's correction for there being many maps. A map needs 16 x 16 cells at least.",
+        "Welch's t test on these, with Holm's correction for there being many maps. It needs 16 x 16 cells a map.",
         epilog="examples:\n"
         "  bow study fig11d --over stiffness_b=1e-6:3e-4:12:log --nx 64 --ny 32\n"
         "  bow study fig11d --over stiffness_b=1e-6:3e-4:6:log --over v_mid=-2,0.2,0.9 --out runs/stiffness\n"
@@ -69,8 +68,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ny", metavar="N", help="cells along y")
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
+    parser.add_argument("--simulators", metavar="N", type=int, help="processes (default: one a core)")
     parser.add_argument(
-        "--simulators", metavar="N", type=int, default=bounded(cores(), cores()), help="processes (default: one a core)"
+        "--own-graph", action="store_true", help="start a graph for this command, even if `bow up` has started one"
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="directory (default: runs/PRESET-DATE)")
 
@@ -78,12 +78,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def settings_of(args: argparse.Namespace) -> list[str]:
     """Return the settings that the options give, for all maps."""
     short = [f"{key}={getattr(args, name)}" for name, key in SHORT.items() if getattr(args, name) is not None]
-    return embed_files([*short, *args.settings])
+    return list(embed_files([*short, *args.settings]))
 
 
 def problem_of(args: argparse.Namespace) -> str:
     """Return what is wrong with the options that both commands have; "" for nothing."""
-    if args.simulators < 1:
+    if args.simulators is not None and args.simulators < 1:
         return f"--simulators {args.simulators}: should be at least 1"
     short = [name for name in SHORT if getattr(args, name) is not None]
     if args.resume and (args.preset or short or args.settings or args.out or args.over):
@@ -106,7 +106,7 @@ def _study(args: argparse.Namespace) -> int:
         work = _work(args)
     except (ParameterError, RunError, OSError) as error:
         return fail(str(error))
-    return run_study(work, bounded(args.simulators, cores()), args.measure)
+    return run_study(work, args)
 
 
 def _work(args: argparse.Namespace) -> Work:
@@ -129,7 +129,7 @@ def _work(args: argparse.Namespace) -> Work:
     return begin_study(study, chosen.label or "study", args.out, lock=True)
 
 
-def run_study(work: Work, simulators: int, measures: list[str]) -> int:
+def run_study(work: Work, args: argparse.Namespace) -> int:
     """Make the maps of a study that are missing, and print its report; return the exit status."""
     from bow_sweep.cli.map_runs import resume_command, run_maps
     from bow_sweep.cli.study_report import print_study
@@ -139,18 +139,19 @@ def run_study(work: Work, simulators: int, measures: list[str]) -> int:
     kept = len(work.study.members) - len(work.jobs)
     if kept:
         warn(f"{kept} of {len(work.study.members)} maps are finished, and were checked")
-    status, left_out = run_maps(
+    status = run_maps(
         work.owned,
         work.jobs,
         count=len(work.jobs),
         cells=sum(job.sweep.budget for job in work.jobs),
-        simulators=simulators,
+        simulators=args.simulators,
+        own_graph=args.own_graph,
         go_on=resume_command("study", work.owned.directory),
         made=kept,
     )
     if status != DONE:
         return status
     try:
-        return QUARANTINED if print_study(work.study, work.owned.directory, left_out, measures) else DONE
+        return QUARANTINED if print_study(work.study, work.owned.directory, [], args.measure) else DONE
     except (RunError, OSError) as error:
         return fail(str(error), FAILED)

@@ -16,14 +16,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bow_sim.figures.page import DPI, INCHES, MUTED, check_path, save, style
-from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.body import mode_setting
+from bow_sim.physics.fields import as_number
+from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import FIELDS
 from bow_sweep.figures.colours import transient_colours, viridis
-from bow_sweep.figures.layout import label, paint
-from bow_sweep.maps.axes import PlotAxis
+from bow_sweep.figures.layout import label as label_axes
+from bow_sweep.figures.layout import paint
+from bow_sweep.figures.symbols import label, symbol_of
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
 from bow_sweep.maps.playability import Measure
-from bow_sweep.study.over import PRESET, Over
+from bow_sweep.study.over import Over
 from bow_sweep.study.plan import Study, short
 from bow_sweep.study.report import BY_NAME, Report, measured, significant
 
@@ -37,6 +40,8 @@ COLUMNS = 6
 
 WIDEST, MOST = 12, 96
 """Small maps beside each other, and in all, at most."""
+
+KEY = "bars: standard errors; filled: significantly different from the first map"
 
 MOST_LINES = 8
 """Lines of a panel that have a colour and an entry in the legend each."""
@@ -77,8 +82,10 @@ def study_figure(study: Study, content: Report, planes: Sequence[Plane]) -> Figu
     with style():
         figure = Figure(figsize=(wide, 0.5 + tall + below), dpi=DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        parts = np.ravel(figure.subfigures(2, 1, height_ratios=(0.5 + tall, below)) if down else [figure])
-        parts[0].suptitle(heading(study), x=0.01, ha="left", fontsize=10, fontweight="bold")
+        parts: Any = figure.subfigures(2, 1, height_ratios=(0.5 + tall, below)) if down else [figure]
+        at: Any = {"x": 0.01, "ha": "left"}
+        parts[0].suptitle(heading(study) + "\n", fontsize=10, fontweight="bold", **at)
+        parts[0].text(y=1 - 0.36 / (0.5 + tall), s=KEY, fontsize=7, color=MUTED, **at)
         _measures(parts[0], study, content)
         if down:
             _maps(parts[1], drawn, places, titles, rows)
@@ -90,19 +97,34 @@ def study_figure(study: Study, content: Report, planes: Sequence[Plane]) -> Figu
 def heading(study: Study) -> str:
     """Return what a study is, in a line."""
     first = study.members[0].sweep.parameters.model
-    words = study.title or MODEL_NAMES.get(first, first)
-    return f"{words}: over {' and '.join(over.name for over in study.overs)}" if not study.title else words
+    if study.title:
+        return study.title
+    names = (over.name if not is_known(over.name) else symbol_of(over.name).words for over in study.overs)
+    return f"{MODEL_NAMES.get(first, first)}: over {', '.join(names)}"
 
 
-def parameter_title(name: str) -> str:
-    """Return the title of an axis along which a parameter changes: its name in words, symbol and unit."""
-    if name == PRESET or name not in FIELDS:
+def parameter_title(study: Study, name: str) -> str:
+    """Return the title of an axis along which a parameter changes, for Matplotlib."""
+    if not is_known(name):
         return name
-    try:
-        title = PlotAxis(name, np.zeros(1), "linear").title()
-    except (ParameterError, KeyError, ValueError):
-        return name
-    return title if len(title) <= 48 else name
+    return label(symbol_of(name, study.members[0].sweep.settings(), [over.name for over in study.overs]))
+
+
+def is_known(name: str) -> bool:
+    """Return whether a name is that of a parameter with a symbol."""
+    return bool(name in FIELDS or name in SI or mode_setting(name))
+
+
+def value_title(name: str, value: str) -> str:
+    """Return what a further parameter is in a map, for Matplotlib: "symbol = value"."""
+    if not is_known(name) or as_number(value) is None:
+        return short(value)
+    return f"${symbol_of(name).tex} = {_tex(value)}$"
+
+
+def _tex(value: str) -> str:
+    digits, e, power = short(value).partition("e")
+    return f"{digits}\\times 10^{{{int(power)}}}".removeprefix("1\\times ") if e else digits
 
 
 # ---- measures
@@ -113,7 +135,7 @@ def _measures(part: Any, study: Study, content: Report) -> None:
     for ax, name in zip(np.ravel(axes), PANELS, strict=True):
         _measure(ax, BY_NAME[name], study, content)
     for ax in axes[-1]:
-        ax.set_xlabel(parameter_title(study.overs[0].name), fontsize=8)
+        ax.set_xlabel(parameter_title(study, study.overs[0].name), fontsize=8)
     for ax in axes[0]:
         ax.tick_params(labelbottom=False)
     if len(study.overs) > 1 and axes[0, 0].get_legend_handles_labels()[0]:
@@ -136,7 +158,7 @@ def _measure(ax: Axes, measure: Measure, study: Study, content: Report) -> None:
         colour = tuple(viridis(0.1 + 0.75 * line / max(lines - 1, 1)) / 255) if lines > 1 else "#1f4e79"
         ax.errorbar(places, values, yerr=errors, fmt="-", lw=1.0, elinewidth=0.9, capsize=2, color=colour)
         sure = np.array([_differs(content, entry["run"], measure.name) for entry in of])
-        fixed = [f"{name} = {short(str(value))}" for name, value in of[0]["values"].items() if name != first.name]
+        fixed = [value_title(name, str(value)) for name, value in of[0]["values"].items() if name != first.name]
         words = ", ".join(fixed) if lines <= MOST_LINES else "_"
         ax.plot(places[sure], values[sure], "o", ms=4, color=colour, label="_")
         ax.plot(places[~sure], values[~sure], "o", ms=4, color=colour, mfc="white", label="_")
@@ -148,8 +170,7 @@ def _measure(ax: Axes, measure: Measure, study: Study, content: Report) -> None:
         ax.set_xscale("log")
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4))
-    unit = measure.unit.replace("%", "% of the plane")
-    ax.set_title(measure.title + (f"  ({unit})" if unit else ""), loc="left", fontsize=8)
+    ax.set_title(measure.title + (f"  ({measure.unit})" if measure.unit else ""), loc="left", fontsize=8)
     ax.yaxis.set_major_locator(MaxNLocator(4))
     ax.tick_params(labelsize=7)
     ax.grid(lw=0.4, color="0.88")
@@ -173,7 +194,7 @@ def positions(over: Over) -> np.ndarray:
 
 def _grid(study: Study) -> tuple[list[tuple[int, int]], list[str], list[str]]:
     """Return (row, column) of each map, a title for each, and titles of the rows where a row has its own."""
-    values = [[f"{over.name} {short(value)}" for value in over.values] for over in study.overs]
+    values = [[value_title(over.name, value) for value in over.values] for over in study.overs]
     if len(study.overs) > 1 and study.shape[0] <= WIDEST:
         rest = list(itertools.product(*values[1:]))
         order = list(itertools.product(range(study.shape[0]), range(len(rest))))
@@ -197,16 +218,18 @@ def _maps(
         ax = grid[row, column]
         ax.set_axis_on()
         paint(ax, plane, transient_colours(plane.transient_periods, longest))
+        for image in ax.images:  # this kind of image has no extent for the layout
+            image.set_in_layout(False)
         ax.tick_params(labelsize=4.5, length=1.5, which="both", width=0.4, pad=1)
         if column:
             ax.tick_params(labelleft=False)
         ax.set_title(title, fontsize=5.5, pad=2)
-        label(ax, plane, "symbol" if row == last else "", "symbol" if not column else "")
+        label_axes(ax, plane, "symbol" if row == last else "", "symbol" if not column else "")
         ax.xaxis.label.set_size(6)
         ax.yaxis.label.set_size(6)
         if rows and not column:
             at: Any = {"xycoords": "axes fraction", "ha": "right", "va": "center"}
-            ax.annotate(rows[row], (-0.5, 0.5), fontsize=5.5, rotation=90, **at)
+            ax.annotate(rows[row], (-0.38, 0.5), fontsize=5.5, rotation=90, **at)
     colours = transient_colours(np.linspace(1e-6, longest, 256), longest) / 255
     bar = part.colorbar(
         ScalarMappable(Normalize(0, longest), ListedColormap(colours)), ax=grid, shrink=0.9, aspect=30, pad=0.01

@@ -34,7 +34,7 @@ ACCOUNTS = ("planned", "done", "quarantined", "outstanding")
 
 BY_NAME = {measure.name: measure for measure in MEASURES}
 
-SHOWN = ("helmholtz", "largest_area", "median_transient", "smooth", "speckle")
+SHOWN = ("helmholtz", "largest_area", "median_transient", "spread_transient", "boundary")
 """Measures of the printed table, unless others are asked for."""
 
 Report = dict[str, Any]
@@ -65,7 +65,7 @@ def read_runs(directory: Path, study: Study) -> dict[str, dict[str, Any]]:
     RunError
         Where one is missing or cannot be read.
     """
-    return {each.name: _read(directory / each.name / REPORT) for each in study.members}
+    return {each.name: read_run(directory / each.name) for each in study.members}
 
 
 def contents(study: Study, runs: Mapping[str, Mapping[str, Any]]) -> Report:
@@ -110,14 +110,20 @@ def contents(study: Study, runs: Mapping[str, Mapping[str, Any]]) -> Report:
     }
 
 
-def _read(path: Path) -> Any:
+def read_run(run: Path) -> dict[str, Any]:
+    """Return the report of a finished run.
+
+    Raises
+    ------
+    RunError
+        Where it is missing or cannot be read.
+    """
+    path = run / REPORT
     try:
-        return json.loads(path.read_text())
+        return dict(json.loads(path.read_text()))
     except OSError as error:
-        raise RunError(
-            f"{path}: {error.strerror}; the study is not finished: bow study --resume makes the rest"
-        ) from None
-    except ValueError as error:
+        raise RunError(f"{path}: {error.strerror}; is the run finished? --resume makes the rest") from None
+    except (ValueError, TypeError) as error:
         raise RunError(f"{path}: cannot be read: {error}") from None
 
 
@@ -132,9 +138,16 @@ def _of_a_run(found: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def measured(playability: Mapping[str, Any], name: str) -> Measured:
-    """Return a measure of a map from its playability."""
+    """Return a measure of a map from its playability.
+
+    Where the four grids agree exactly on another value than that of the map, as on terrain of which none fits into
+    them, their spread says nothing about the map: error and mean are left out.
+    """
     entry = playability[name]
-    return Measured(entry["value"], entry["error"], entry["half_grid"])
+    value, error, mean = entry["value"], entry["error"], entry["half_grid"]
+    if error == 0 and mean != value:
+        return Measured(value, None, None)
+    return Measured(value, error, mean)
 
 
 def neighbours(shape: Sequence[int], axis: int) -> list[tuple[int, int]]:
@@ -227,7 +240,10 @@ def legend(content: Report) -> list[str]:
 
 def text(content: Report, measures: Sequence[str] = SHOWN) -> list[str]:
     """Return table and legend as lines for people."""
-    rows = table(content, measures)
+    return [*aligned(table(content, measures)), "", *legend(content)]
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table as lines: columns to the right, the first row as titles."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = ["  " + "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows]
-    return [*lines, "", *legend(content)]
+    return ["  " + "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows]
