@@ -1,10 +1,11 @@
 """Maps of the bowed string in Python: sweeps, recorded runs, their cells, and measured strings.
 
-A face over the other packages, for scripts and notebooks. It needs no ROS graph.
+A face over the other packages, for scripts and notebooks. Only `graph` needs ROS.
 
 found        what a map holds
 maps         a map: what a sweep found, its cells, tables and pictures
 sweeps       a sweep in this process, on all cores
+graphs       sweeps in a ROS graph
 cells        one cell: waveform, slips, spectrum, picture, sound
 dataset      a map, and the waveform of a cell, as xarray.Dataset
 tables       a map as a file: netCDF, CSV, Parquet
@@ -20,6 +21,7 @@ Public names, imported when they are first used:
 
 Cell         one cell of a map
 Comparison   how maps differ in playability and in settings
+Graph        a ROS graph that runs sweeps
 Judged       what is found in a measured bridge force
 Map          a map: what a sweep found
 Measured     a measure of a map, with its uncertainty
@@ -28,8 +30,9 @@ Sound        a sound; a notebook plays it
 Study        a family of maps over further parameters
 classify     judges a measured bridge force
 compare      compares maps
-open         opens a recorded run, or a study
-study        computes a family of maps in this process
+    "graph": "bow.graphs:graph",
+    "open": "bow.studies:open_any",
+    "study": "bow.studies:study",
 sweep        computes a map in this process
 """
 
@@ -41,6 +44,8 @@ if TYPE_CHECKING:
     from bow.comparison import Comparison as Comparison
     from bow.comparison import compare as compare
     from bow.found import Measured as Measured
+    from bow.graphs import Graph as Graph
+    from bow.graphs import graph as graph
     from bow.maps import Map as Map
     from bow.recordings import Judged as Judged
     from bow.recordings import classify as classify
@@ -54,6 +59,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Cell": "bow.cells:Cell",
     "Comparison": "bow.comparison:Comparison",
+    "Graph": "bow.graphs:Graph",
     "Judged": "bow.recordings:Judged",
     "Map": "bow.maps:Map",
     "Measured": "bow.found:Measured",
@@ -62,6 +68,7 @@ _PLACES = {
     "Study": "bow.studies:Study",
     "classify": "bow.recordings:classify",
     "compare": "bow.comparison:compare",
+    "graph": "bow.graphs:graph",
     "open": "bow.studies:open_any",
     "study": "bow.studies:study",
     "sweep": "bow.sweeps:sweep",
@@ -70,6 +77,7 @@ _PLACES = {
 __all__ = [
     "Cell",
     "Comparison",
+    "Graph",
     "Judged",
     "Map",
     "Measured",
@@ -78,6 +86,7 @@ __all__ = [
     "Study",
     "classify",
     "compare",
+    "graph",
     "open",
     "study",
     "sweep",

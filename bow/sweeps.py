@@ -76,8 +76,22 @@ def sweep(
     >>> m.axes[0].name
     'bridge_r'
     """
-    plan = Sweep.from_spec(preset, given_settings(nx, ny, x, y, settings, parameters))
+    plan = planned(preset, nx=nx, ny=ny, x=x, y=y, settings=settings, parameters=parameters)
     return computed(plan, workers, progress)
+
+
+def planned(
+    preset: str,
+    *,
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> Sweep:
+    """Return the sweep that the arguments of :func:`sweep` describe."""
+    return Sweep.from_spec(preset, given_settings(nx, ny, x, y, settings, parameters))
 
 
 def given_settings(
@@ -99,7 +113,7 @@ def given_settings(
 
 def computed(plan: Sweep, workers: int | None, progress: bool, what: str = "sweep") -> Map:
     """Compute a planned sweep; `what` is the word of its progress. For the others see :func:`sweep`."""
-    with _shown(progress, plan.budget, what) as show:
+    with showing(progress, plan.budget, what) as show:
         basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
     return Map(_map_file(plan, basin))
 
@@ -152,7 +166,7 @@ def _map_file(plan: Sweep, basin: Basin) -> MapFile:
 
 
 @contextlib.contextmanager
-def _shown(wanted: bool, cells: int, what: str) -> Iterator[Callable[[float, float], None] | None]:
+def showing(wanted: bool, cells: int, what: str = "sweep") -> Iterator[Callable[[float, float], None] | None]:
     """Yield a callback (done, total) that shows a bar on a terminal and in a notebook, and percentages elsewhere."""
     if not wanted:
         yield None

@@ -189,6 +189,7 @@ class Graph:
         resume: bool = False,
         dashboard: bool = False,
         patience_s: float = PATIENCE_S,
+        cancelled: Callable[[], bool] = lambda: False,
     ) -> Finished:
         """Run a sweep; return when its run is finished in `directory`.
 
@@ -211,6 +212,8 @@ class Graph:
             Whether the graph's dashboard, if it has one, writes dashboard.rrd.
         patience_s
             Seconds without progress after which the run is cancelled.
+        cancelled
+            Called several times a second: whether to cancel the run, as Ctrl-C does; for threads, which get no signals.
 
         Raises
         ------
@@ -219,7 +222,7 @@ class Graph:
         RunError
             Where the directory holds a run already, or none that can be resumed.
         KeyboardInterrupt
-            After Ctrl-C or SIGTERM; the run is cancelled, and can be resumed.
+            After Ctrl-C or SIGTERM, or where `cancelled` says so; the run is cancelled, and can be resumed.
         """
         directory = directory.absolute()
         if resume:
@@ -229,13 +232,19 @@ class Graph:
         identity = run_id or random_id()
         place = Place(directory, resume, dashboard and self.state.dashboard)
         with Interrupts("cancelling the run; some seconds") as interrupts, Turn(self.folder / TURNS, directory) as turn:
-            self._wait_for_turn(turn, interrupts, progress)
+
+            def check() -> None:
+                interrupts.check()
+                if cancelled():
+                    raise KeyboardInterrupt
+
+            self._wait_for_turn(turn, check, progress)
             directory.mkdir(parents=True, exist_ok=True)
             write_place(self.folder / PLACES, identity, place)
-            goal, feedback = self._send(sweep, identity, interrupts, progress)
+            goal, feedback = self._send(sweep, identity, check, progress)
             remove_places(self.folder / PLACES, but=identity)  # runs of killed clients are over
             try:
-                result = self._wait(goal, identity, feedback, interrupts, progress, patience_s)
+                result = self._wait(goal, identity, feedback, check, progress, patience_s)
             except (KeyboardInterrupt, GraphError):
                 self._cancel(goal)
                 raise
@@ -253,11 +262,11 @@ class Graph:
     # ---- the turn of this client
 
     def _wait_for_turn(
-        self, turn: Turn, interrupts: Interrupts, progress: Callable[[Progress | None, str], None]
+        self, turn: Turn, check: Callable[[], None], progress: Callable[[Progress | None, str], None]
     ) -> None:
         """Wait until the clients that came before are served, however long their runs take."""
         while others := turn.before():
-            interrupts.check()
+            check()
             self._check_alive()
             progress(None, f"for {len(others)} before this one, now process {others[0].pid} -> {others[0].directory}")
             self.spin(SPIN_S)
@@ -270,7 +279,7 @@ class Graph:
     # ---- a goal
 
     def _send(
-        self, sweep: Sweep, identity: str, interrupts: Interrupts, progress: Callable[[Progress | None, str], None]
+        self, sweep: Sweep, identity: str, check: Callable[[], None], progress: Callable[[Progress | None, str], None]
     ) -> tuple[Any, list[Any]]:
         """Send a goal until it is taken; return its handle, and a list of which the last item is its latest feedback.
 
@@ -281,7 +290,7 @@ class Graph:
 
         spec = SweepSpec(preset=sweep.preset, settings=list(sweep.settings()))
         goal = self._type.Goal(spec=spec)
-        self._until(self._action.server_is_ready, interrupts, "no coordinator is found")
+        self._until(self._action.server_is_ready, check, "no coordinator is found")
         while True:
             feedback: list[Any] = []
             key = UUID(uuid=list(bytes.fromhex(identity) + uuid.uuid4().bytes[:8]))
@@ -290,7 +299,7 @@ class Graph:
                 last[:] = [message.feedback]
 
             sent = self._action.send_goal_async(goal, feedback_callback=keep, goal_uuid=key)
-            self._until(sent.done, interrupts, "the coordinator does not answer")
+            self._until(sent.done, check, "the coordinator does not answer")
             handle = sent.result()
             assert handle is not None
             if not handle.accepted:
@@ -303,12 +312,12 @@ class Graph:
                 return (handle, answer), feedback
             until = time.monotonic() + AGAIN_S
             while time.monotonic() < until:
-                interrupts.check()
+                check()
                 progress(None, "for a run that goes on without its client")
                 self.spin()
             self._check_alive()
 
-    def _until(self, done: Callable[[], bool], interrupts: Interrupts, why: str) -> None:
+    def _until(self, done: Callable[[], bool], check: Callable[[], None], why: str) -> None:
         """Wait until something is done.
 
         Raises
@@ -318,7 +327,7 @@ class Graph:
         """
         deadline = time.monotonic() + JOIN_S
         while not done():
-            interrupts.check()
+            check()
             self._check_alive()
             if time.monotonic() > deadline:
                 where = f"in {self.state.namespace} of domain {self.state.domain}"
@@ -330,7 +339,7 @@ class Graph:
         goal: tuple[Any, Any],
         identity: str,
         feedback: list[Any],
-        interrupts: Interrupts,
+        check: Callable[[], None],
         progress: Callable[[Progress | None, str], None],
         patience_s: float,
     ) -> Any:
@@ -340,7 +349,7 @@ class Graph:
         clock = AwakeClock()  # time in which this process is stopped does not count
         known, changed_at, look_at = object(), clock.now(), 0.0
         while not answer.done():
-            interrupts.check()
+            check()
             self.spin()
             now = clock.now()
             latest = feedback[-1] if feedback else None

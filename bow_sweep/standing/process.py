@@ -9,6 +9,7 @@ import os
 import select
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,7 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
             gc.enable()
 
             def ready() -> None:
-                state.write(folder)
+                replace(state, since=time.time()).write(folder)
                 print_line(f"the graph is ready, in {namespace} of domain {state.domain}")
 
             watch(supervisor, print_line, interrupts, ready, _has_lost_its_owner if options["owned"] else lambda: False)

@@ -16,8 +16,9 @@ from bow_sweep.processes.roles import CHILD
 from bow_sweep.processes.supervisor import GraphError, tail
 from bow_sweep.standing.state import LOGS, MAIN_LOG, State, make_folder, read_state
 
-START_S = 120.0
-"""A graph has this long until all its nodes are heard; the kernel may have to be compiled."""
+START_S = 600.0
+"""A graph has this long until all its nodes are heard: a minute, and more where kernel and classifier
+have to be compiled first, on a busy machine."""
 
 STOP_S = 60.0
 """A graph has this long to stop in order; then its process is killed, and its children end with it."""

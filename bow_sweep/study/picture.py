@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from bow_sim.figures.page import DPI, INCHES, MUTED, check_path, save, style
 from bow_sim.physics.body import mode_setting
@@ -40,6 +40,8 @@ COLUMNS = 6
 
 WIDEST, MOST = 12, 96
 """Small maps beside each other, and in all, at most."""
+
+NARROW_DECADES = 1.6
 
 KEY = "bars: standard errors; filled: significantly different from the first map"
 
@@ -167,7 +169,7 @@ def _measure(ax: Axes, measure: Measure, study: Study, content: Report) -> None:
         ax.set_xticks(places, [short(value) for value in first.values], rotation=20 if len(places) > 3 else 0)
         ax.set_xlim(-0.4, len(places) - 0.6)
     elif first.is_log:
-        ax.set_xscale("log")
+        log_axis(ax.xaxis, places)
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4))
     ax.set_title(measure.title + (f"  ({measure.unit})" if measure.unit else ""), loc="left", fontsize=8)
@@ -181,6 +183,15 @@ def _measure(ax: Axes, measure: Measure, study: Study, content: Report) -> None:
 def _differs(content: Report, run: str, name: str) -> bool:
     found = significant(content, "first", run)
     return name in found and found[name].significant
+
+
+def log_axis(axis: Any, values: np.ndarray) -> None:
+    """Make an axis logarithmic, with labels that have room: 1, 2, 5 in a range of few decades, else powers of ten."""
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    narrow = np.ptp(np.log10(values)) < NARROW_DECADES if len(values) else True
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5) if narrow else (1,), numticks=12))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}") if narrow else LogFormatterMathtext())
+    axis.set_minor_formatter(NullFormatter())
 
 
 def positions(over: Over) -> np.ndarray:

@@ -202,8 +202,8 @@ class Optimiser:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._search = search
         sampler = optuna.samplers.TPESampler(seed=search.seed, n_startup_trials=max(1, min(RANDOM, search.trials // 3)))
-        direction = "maximize" if search.goal == HIGHEST else "minimize"
-        self._study = optuna.create_study(sampler=sampler, direction=direction)
+        goal = optuna.study.StudyDirection.MAXIMIZE if search.goal == HIGHEST else optuna.study.StudyDirection.MINIMIZE
+        self._study = optuna.create_study(sampler=sampler, direction=goal)
         self._within: dict[str, Any] = {
             each.name: IntDistribution(int(each.low), int(each.high), log=each.scale == "log")
             if each.whole

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from bow_sim.figures.page import BLUE, DPI, INCHES, ORANGE, check_path, save, style
 from bow_sweep.figures.symbols import label, symbol_of
 from bow_sweep.maps.playability import MEASURES
-from bow_sweep.study.picture import is_known
+from bow_sweep.study.picture import is_known, log_axis
 from bow_sweep.study.search import HIGHEST, Search, Trial, best
 
 PICTURE = "optimise.png"
@@ -54,7 +54,8 @@ def search_figure(search: Search, trials: Sequence[Trial]) -> Figure:
     with style():
         figure = Figure(figsize=(INCHES, 2.6 + 2.2 * rows), dpi=DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        above, below = figure.subfigures(2, 1, height_ratios=(2.6, 2.2 * rows))
+        parts: Any = figure.subfigures(2, 1, height_ratios=(2.6, 2.2 * rows))
+        above, below = parts
         words = f"Search for the {search.goal}: {measure.title}"
         above.suptitle(words, x=0.01, ha="left", fontsize=10, fontweight="bold")
         _course(above.subplots(), search, values, errors, top, measure.title + unit)
@@ -67,7 +68,7 @@ def search_figure(search: Search, trials: Sequence[Trial]) -> Figure:
             ax.set_xlabel(_title(search, each.name), fontsize=8)
             ax.set_ylabel(measure.title + unit, fontsize=7.5)
             if each.scale == "log":
-                ax.set_xscale("log")
+                log_axis(ax.xaxis, places)
         if len(search.ranges) == 2:
             _plane(axes[2], search, trials, values, top, measure.title + unit)
     return figure
@@ -100,12 +101,11 @@ def _plane(ax: Axes, search: Search, trials: Sequence[Trial], values: np.ndarray
     shown: Any = ax.scatter(x, y, c=values, s=22, cmap="viridis", edgecolor="0.3", linewidth=0.4, plotnonfinite=False)
     if top is not None:
         ax.plot(x[top], y[top], "o", ms=8, mfc="none", color=ORANGE, mew=1.4)
-    for each, scaled, write in zip(
-        search.ranges, (ax.set_xscale, ax.set_yscale), (ax.set_xlabel, ax.set_ylabel), strict=True
-    ):
+    axes: tuple[Any, Any] = (ax.xaxis, ax.yaxis)
+    for each, axis, places in zip(search.ranges, axes, (x, y), strict=True):
         if each.scale == "log":
-            scaled("log")
-        write(_title(search, each.name), fontsize=8)
+            log_axis(axis, np.array(places))
+        axis.set_label_text(_title(search, each.name), fontsize=8)
     _plain(ax)
     bar = ax.figure.colorbar(shown, ax=ax, pad=0.02)
     bar.set_label(title, fontsize=6.5)
