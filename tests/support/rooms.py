@@ -26,7 +26,7 @@ bow_sweep.plan: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_si
     bow_classifier.verdict
 bow_sweep.maps: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_classifier.verdict
     bow_classifier.features bow_classifier bow_sweep.plan
-bow_sweep.run: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim.kernel bow_sim.protocol
+bow_sweep.run: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps
 bow_sweep.record: bow_sim.atomic_files bow_sim.physics bow_sim.protocol bow_sim.graph bow_classifier.verdict
     bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.run

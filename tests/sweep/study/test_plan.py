@@ -43,7 +43,7 @@ def test_a_study_may_go_over_presets_models_and_settings_of_axes():
 values = st.lists(st.floats(1e-7, 1e-3), min_size=1, max_size=6, unique=True)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(values, st.lists(st.floats(0.7, 1.3), min_size=1, max_size=3, unique=True))
 def test_names_of_runs_are_unique_sort_in_order_and_are_safe(stiffness, friction):
     members = Study(
@@ -65,7 +65,7 @@ def test_any_name_and_value_make_a_safe_name_that_sorts_by_its_number(name, valu
     assert len(found) <= LONGEST
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(values)
 def test_a_study_is_read_back_from_its_directory(tmp_path_factory, stiffness):
     directory = tmp_path_factory.mktemp("study")

@@ -21,7 +21,7 @@ def test_p_is_that_of_welchs_test_on_the_four_values():
 
 def test_without_a_difference_about_the_level_of_the_families_has_one_called_significant():
     random = np.random.default_rng(11)
-    families, maps = 600, 6
+    families, maps = 300, 6
     wrong = 0
     for _ in range(families):
         found = [measured(random.normal(0.5, 0.02, GRIDS)) for _ in range(maps)]
