@@ -11,7 +11,6 @@ import numpy as np
 
 from bow.maps import Map
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.parameters import FIELDS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import compute
@@ -20,9 +19,9 @@ from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
 
 AXIS = ("name", "first", "last", "count", "scale")
-"""What a sequence that describes an axis holds, in this order; the last two may be left out."""
+"""What a sequence that describes an axis holds, in this order; all but the name may be left out."""
 
-AxisGiven = Mapping[str, object] | Sequence[object]
+AxisGiven = str | Mapping[str, object] | Sequence[object]
 
 
 def sweep(
@@ -46,8 +45,9 @@ def sweep(
     nx, ny
         Cells along x and y.
     x, y
-        Axes: (name, first, last), (name, first, last, count) or (name, first, last, count, scale), or a mapping with
-        these names. A scale that is not given is that of the parameter.
+        Axes: a name; (name, [value, value, ...]); (name, first, last), (name, first, last, count) or (name, first,
+        last, count, scale); or a mapping with these names, or with name and values. What is not given is as `bow
+        settings` says of that parameter.
     settings
         "name=value" of any setting, as after `--set`; names with a dot can only be given here or as a mapping.
     workers
@@ -145,14 +145,19 @@ def _texts(parameters: Mapping[str, object], prefix: str = "") -> Iterator[str]:
 def _axis(key: str, given: AxisGiven | None) -> Iterator[str]:
     if given is None:
         return
+    if isinstance(given, str):
+        given = (given,)
     if isinstance(given, Mapping):
         values = dict(given)
-    elif isinstance(given, str) or not 3 <= len(given) <= len(AXIS):
-        raise ParameterError(f"{key} = {given!r}: should be ({', '.join(AXIS)}); count and scale may be left out")
+    elif len(given) == 2 and not isinstance(given[1], str) and isinstance(given[1], (Sequence, np.ndarray)):
+        values = {"name": given[0], "values": given[1]}
+    elif not 1 <= len(given) <= len(AXIS):
+        right = f"a name, (name, [value, ...]) or ({', '.join(AXIS)}), whose end may be left out"
+        raise ParameterError(f"{key} = {given!r}: should be {right}")
     else:
         values = dict(zip(AXIS, given, strict=False))
-    if "scale" not in values and values.get("name") in FIELDS:
-        values["scale"] = FIELDS[str(values["name"])].metadata.get("scale", "linear")
+    if "values" in values and not isinstance(values["values"], str):
+        values["values"] = np.asarray(values["values"], float).tolist()
     yield from _texts(values, f"{key}.")
 
 
