@@ -66,7 +66,8 @@ class OwnedDirectory:
         """
         begun = not self.new or any((run / LEDGER).exists() for run in (self.directory, *runs))
         if not begun:
-            (self.directory / STUDY).unlink(missing_ok=True)
+            for name in (STUDY, CAMPAIGN):
+                (self.directory / name).unlink(missing_ok=True)
             for run in (*runs, self.directory):
                 _remove_start(run)
             _remove_empty(*(run for run in runs if run != self.directory), *self.made)

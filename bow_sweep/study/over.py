@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
-from bow_sim.physics.parameters import FIELDS, TYPES
+from bow_sim.physics.instruments import SI
+from bow_sim.physics.parameters import TYPES
+from bow_sim.physics.usual_axes import usual
 from bow_sim.protocol.sweep_spec import Axis
 
 PRESET = "preset"
@@ -108,8 +110,9 @@ class Range:
 
 
 def usual_scale(name: str) -> str:
-    """Return the scale that a parameter has where none is given."""
-    return str(FIELDS[name].metadata.get("scale", "linear")) if name in FIELDS else "linear"
+    """Return the scale that a parameter has where none is given, see :mod:`bow_sim.physics.usual_axes`."""
+    found = usual(name) or (usual(SI[name].same) if name in SI else None)
+    return found.scale if found else "linear"
 
 
 def over_of(text: str) -> Over:
@@ -167,10 +170,12 @@ def range_of(text: str) -> Range:
 def _range(what: str, name: str, values: str, form: str) -> tuple[float, float, list[str], str]:
     """Return first, last, what stands after them, and the scale."""
     parts = [part.strip() for part in values.split(":")]
-    scale = parts.pop() if parts[-1] in SCALES else usual_scale(name)
+    named = parts.pop() if parts[-1] in SCALES else ""
     ends = [as_number(part) for part in parts[:2]]
     if len(ends) < 2 or ends[0] is None or ends[1] is None or not np.isfinite(np.array(ends, float)).all():
         raise ParameterError(f"{what}: should be {form}; FIRST and LAST are numbers")
-    if scale == "log" and min(ends[0], ends[1]) <= 0:
+    positive = min(ends[0], ends[1]) > 0
+    scale = named or (usual_scale(name) if positive else "linear")
+    if scale == "log" and not positive:
         raise ParameterError(f"{what}: both ends should be above 0 on a logarithmic scale; :linear makes it linear")
     return ends[0], ends[1], parts[2:], scale

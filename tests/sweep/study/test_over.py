@@ -33,6 +33,8 @@ def test_listed_values_keep_all_their_bits(values):
 def test_a_range_has_the_usual_scale_of_its_parameter():
     assert over_of("f_asym=1:100:3").numbers == pytest.approx([1, 10, 100])
     assert over_of("mu_s=0.6:1.2:3").numbers == pytest.approx([0.6, 0.9, 1.2])
+    assert over_of("force=0.1:10:3").numbers == pytest.approx([0.1, 1, 10])
+    assert over_of("stiffness_b=0:2e-4:3").numbers == pytest.approx([0, 1e-4, 2e-4])
     assert over_of("mu_s=0.5:2:3:log").numbers == pytest.approx([0.5, 1, 2])
 
 
@@ -60,7 +62,7 @@ def test_texts_are_values_too():
         ("mu_s=1:2:1", "COUNT should be 2 at least"),
         ("mu_s=a:2:3", "FIRST and LAST are numbers"),
         ("mu_s=nan:2:3", "FIRST and LAST are numbers"),
-        ("f_asym=0:2:3", "above 0"),
+        ("f_asym=0:2:3:log", "above 0"),
         ("period=40:50:4", "whole numbers"),
         ("mu_s=1,1.0", "twice"),
         ("model=raman,raman", "twice"),
