@@ -1,4 +1,4 @@
-"""The command `bow sweep`: runs one sweep, or all sweeps of a campaign."""
+"""The command `bow sweep`: runs one sweep, or all sweeps of a campaign, which is a study over presets."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
-from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
+from bow_sweep.cli.study_report import print_study
+from bow_sweep.cli.sweep_report import print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.plan.preset_files import choose
 from bow_sweep.plan.presets import presets
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, QUARANTINED, USAGE
-from bow_sweep.run.campaign import campaigns
+from bow_sweep.study.campaigns import campaigns
 from bow_sweep.view.wanted import Wanted, WantedError, wanted
 
 if TYPE_CHECKING:
@@ -185,8 +186,8 @@ def _run_and_report(args: argparse.Namespace, work: Work, dashboard: Wanted, scr
     status = run_jobs(args, work, dashboard, screen, left_out)
     if status != DONE:
         return status
-    if work.campaign:
-        quarantined = print_campaign(work.campaign, work.owned.directory, left_out)
+    if work.study:
+        quarantined = print_study(work.study, work.owned.directory, left_out)
     else:
         quarantined = print_run(work.owned.directory, left_out, nothing_to_do=not work.jobs)
     return QUARANTINED if quarantined else DONE
