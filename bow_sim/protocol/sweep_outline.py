@@ -23,7 +23,7 @@ from bow_sim.protocol.limits import check_size
 from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
-from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, kinds_of_cells, split
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
 
@@ -92,7 +92,7 @@ class SweepOutline:
         x, y = Axis.of("x", spec.x), Axis.of("y", spec.y)
         check_plane(parameters, x, y)
         repeats.check(parameters, x, y)
-        adaptive = spec.share("adaptive", 1.0)
+        adaptive, cells = spec.share("adaptive", 1.0), repeats.cells(x.count * y.count)
         if (adaptive < 1) != bool(len(rounds)):
             raise ParameterError(f"Plan.rounds has {len(rounds)} values, at adaptive = {adaptive:g}")
         return cls(
@@ -105,7 +105,7 @@ class SweepOutline:
             x=x,
             y=y,
             threshold_settings=spec.classifier,
-            planned=Blocks.announced(repeats.cells(x.count * y.count), block_cells, rounds),
+            planned=Blocks.announced(cells, block_cells, rounds, kinds_of_cells(x, y, cells)),
             adaptive=adaptive,
             repeats=repeats,
             record=record_of(spec.record),
@@ -122,7 +122,7 @@ class SweepOutline:
         known = self.planned
         if np.array_equal(rounds, known.announce()):
             return self
-        planned = Blocks.announced(known.cells, known.block_cells, rounds)
+        planned = Blocks.announced(known.cells, known.block_cells, rounds, known.kinds)
         if not planned.extends(known):
             raise ParameterError(f"Plan.rounds: its {planned.count} blocks do not contain the {known.count} known ones")
         return replace(self, planned=planned)

@@ -22,6 +22,7 @@ from bow_sim.physics.body import MODE_SETTING
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import MODEL, THRESHOLD
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
 from bow_sim.protocol.recording import RECORD
 from bow_sim.protocol.repeats import MAX_SEED
@@ -174,9 +175,9 @@ def _number() -> dict[str, Any]:
 
 
 def _axis(key: str) -> dict[str, Any]:
-    names = {
-        "anyOf": [{"enum": sorted(SWEEPABLE | SI.keys())}, {"type": "string", "pattern": f"^{MODE_SETTING.pattern}$"}]
-    }
+    known = SWEEPABLE | SI.keys() | {MODEL} | {f"{THRESHOLD}{name}" for name in Thresholds.__dataclass_fields__}
+    modes = {"type": "string", "pattern": f"^{MODE_SETTING.pattern}$"}
+    names: dict[str, Any] = {"anyOf": [{"enum": sorted(known)}, modes]}
     whole = {
         **_group(
             {

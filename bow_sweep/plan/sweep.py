@@ -14,20 +14,22 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
-from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
+from bow_sim.physics.applicability import check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
+from bow_sim.physics.kinds import is_kind
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
-from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, in_full, split
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, in_full, kinds_of_cells, split
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
-from bow_sweep.plan.axes import AxisError, AxisSettings, axes, check_two, made
+from bow_sweep.plan.axes import AxisError, AxisSettings, axes, check_axes_of_models, check_two, made
 from bow_sweep.plan.presets import load_preset
 from bow_sweep.plan.remedies import would_do
 
@@ -133,13 +135,18 @@ class Sweep:
         parameters = replace(spec, plain=common).parameters()
         try:
             check_two(*named)
-            check_axes(parameters, [axis.name for axis in named])
+            check_axes_of_models(parameters, *named)
             x, y = made(*named, parameters)
             check_plane(parameters, x, y)
             check_strings(parameters, x, y)
         except ParameterError as error:
             raise AxisError(str(error), named[0].name, named[1].name) from None
         adaptive, repeats = spec.share("adaptive", cls.adaptive), Repeats.of(spec)
+        if repeats.count and (kind := next((axis for axis in named if is_kind(axis.name)), None)):
+            raise ParameterError(
+                f"repeats = {repeats.count}: cannot be beside {kind.key}.name = {kind.name!r}; make a map for each "
+                f"value, as by bow study --over {kind.name}=..."
+            )
         repeats.check(parameters, x, y)
         if spec.block_cells is None:
             block_cells = default_block_cells(repeats.cells(x.count * y.count), adaptive, parameters.chunk_samples)
@@ -203,8 +210,14 @@ class Sweep:
     def first_blocks(self) -> Blocks:
         """The blocks that are planned at the start: all, or the first round of an adaptive sweep."""
         if self.adaptive == 1:
-            return Blocks(self.cells, self.block_cells)
-        return Blocks(self.cells, self.block_cells, [first_round((self.y.count, self.x.count), self.budget)])
+            return Blocks(self.cells, self.block_cells, kinds=self.kinds)
+        first = first_round((self.y.count, self.x.count), self.budget)
+        return Blocks(self.cells, self.block_cells, [first], self.kinds)
+
+    @cached_property
+    def kinds(self) -> NDArray[np.int64] | None:
+        """The kind of every cell, (cells,): a block has cells of one kind. None where all are of one."""
+        return kinds_of_cells(self.x, self.y, self.cells)
 
     def more_blocks(self, blocks: Blocks, transient_periods: np.ndarray) -> Blocks | None:
         """Return `blocks` and those of the next round; None where nothing more is to be simulated.

@@ -349,7 +349,7 @@ def blocks_of(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
     rounds = [np.array(entry["cells"], np.int64) for entry in entries if entry.get("event") == "round"]
     if not rounds:
         return sweep.first_blocks
-    blocks = Blocks(sweep.cells, sweep.block_cells, [])
+    blocks = Blocks(sweep.cells, sweep.block_cells, [], sweep.kinds)
     for cells in rounds:
         blocks = blocks.grown(cells)
     return blocks

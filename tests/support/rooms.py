@@ -42,8 +42,8 @@ bow_sweep.explore: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.p
     bow_sweep.figures bow_sweep.cell
 bow_sweep.coordinator: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim bow_classifier.verdict
     bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures bow_sweep.cell
-bow_sweep.processes: bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict bow_classifier
-    bow_sweep.plan bow_sweep.run bow_sweep.record bow_sweep.view
+bow_sweep.processes: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_classifier.verdict
+    bow_classifier bow_sweep.plan bow_sweep.run bow_sweep.record bow_sweep.view
 bow_sweep.standing: bow_sim.atomic_files bow_sim.protocol bow_sim.graph bow_sweep.plan bow_sweep.run
     bow_sweep.processes
 bow_sweep.paper: bow_sim.physics bow_sim.kernel bow_sim.figures bow_classifier.verdict bow_sweep.maps
