@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sweep.cell.waveform import CellError, Waveform
+from bow_sweep.maps.slips import Pieces, join
 
 if TYPE_CHECKING:
     from bow_sweep.cell.from_bag import BagCells
@@ -87,20 +88,13 @@ def onsets_of(bag: BagCells, block: int) -> list[Onsets]:
     DamagedCell
         Where a message is missing, or its checksum does not hold.
     """
-    rows, onsets = [], []
+    chunks = []
     for chunk in range(bag.outline.chunks):
         slips = bag.stick_slip(block, chunk)
-        offsets = np.asarray(slips["offsets"], np.int64)
-        row = np.repeat(np.arange(len(offsets) - 1), offsets[1:] - offsets[:-1])
-        onset = np.asarray(slips["onset"], np.int64)
-        fresh = (onset > 0) | ~np.asarray(slips["slipping"], bool)[row]  # else the slip began in the chunk before
-        fresh |= chunk == 0
-        rows.append(row[fresh])
-        onsets.append(onset[fresh] + chunk * bag.outline.chunk_samples)
-    row, onset = np.concatenate(rows), np.concatenate(onsets)
-    order = np.argsort(row, kind="stable")
-    ends = np.cumsum(np.bincount(row, minlength=bag.outline.planned.size(block)))
-    return np.split(onset[order], ends[:-1])
+        chunks.append(Pieces(*(np.asarray(slips[name]) for name in Pieces._fields)))
+    whole = join(chunks, bag.outline.chunk_samples)
+    ends = np.cumsum(np.bincount(whole.cell, minlength=bag.outline.planned.size(block)))
+    return np.split(whole.start, ends[:-1])
 
 
 def median_parting(found: NDArray[np.float32]) -> NDArray[np.float32]:
