@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -66,6 +67,11 @@ def sweep(
     ParameterError
         For a sweep that cannot be computed; names the setting, its value and what would be right. It is a ValueError.
 
+    Warns
+    -----
+    UserWarning
+        Of what is allowed, but perhaps not meant: the notes of `bow sweep`.
+
     Examples
     --------
     >>> import bow
@@ -82,6 +88,8 @@ def sweep(
         if count is not None:
             given.append(f"{key}.count={count}")
     plan = Sweep.from_spec(preset, given)
+    for note in plan.notes:
+        warnings.warn(note, stacklevel=2)
     with _shown(progress, plan.budget) as show:
         basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
     return Map(_map_file(plan, basin))

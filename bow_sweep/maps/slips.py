@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 
 class Slips(NamedTuple):
@@ -47,11 +47,11 @@ class Pieces(NamedTuple):
         Sum of the slip speed over those samples.
     """
 
-    slipping: NDArray[np.uint8]
-    offsets: NDArray[np.int64]
-    onset: NDArray[np.int64]
-    duration: NDArray[np.int64]
-    slip: NDArray[np.float64]
+    slipping: ArrayLike
+    offsets: ArrayLike
+    onset: ArrayLike
+    duration: ArrayLike
+    slip: ArrayLike
 
 
 def join(chunks: list[Pieces], samples: int) -> Slips:
