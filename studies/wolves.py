@@ -50,7 +50,7 @@ def strings(count: int) -> dict[str, NDArray[np.float64]]:
     rng = np.random.default_rng(SEED)
     p = _string()
     ranges = {"f_asym": (0.8, 7.0), "body_1_k": (0.003, 0.04), "body_1_q": (15.0, 80.0), "body_1_f": (0.94, 1.04)}
-    drawn = {name: np.exp(rng.uniform(*np.log(ends), count)) for name, ends in ranges.items()}
+    drawn = {name: np.exp(rng.uniform(math.log(low), math.log(high), count)) for name, (low, high) in ranges.items()}
     return {**drawn, "body_1_f": drawn["body_1_f"] * p.sample_rate / p.period}
 
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import Parameters
-from bow_sweep.beyond.sweeps import SLIP
+from bow_sweep.beyond.sweeps import THRESHOLDS
 from bow_sweep.maps.in_process import judged_chunks
 from bow_sweep.maps.slips import Pieces, Slips, join
 
@@ -36,7 +35,7 @@ class Motion(NamedTuple):
 
 
 def compute(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Motion:
-    """Simulate and classify cells with the kernel and the classifier that a sweep uses, and the threshold of claims.
+    """Simulate and classify cells as a sweep does, with the thresholds of the claims.
 
     Parameters
     ----------
@@ -63,7 +62,7 @@ def compute(parameters: Parameters, lanes: Mapping[str, ArrayLike]) -> Motion:
 
 def _block(p: Parameters, lanes: Mapping[str, NDArray[np.float64]]) -> Motion:
     pieces, regimes, periods = [], [], []
-    for c, verdict in judged_chunks(p, lanes, Thresholds(slip=SLIP)):
+    for c, verdict in judged_chunks(p, lanes, THRESHOLDS):
         regimes.append(verdict.regime)
         periods.append(verdict.period)
         pieces.append(Pieces(c.slipping, c.offsets, c.onset, c.duration, c.slip))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_sweep.beyond.sweeps import SLIP
+from bow_sweep.beyond.sweeps import THRESHOLDS
 from bow_sweep.maps.slips import Slips
 
 WOLF_PERIODS = 100
@@ -130,7 +130,7 @@ def wolf_counts(slips: Slips, period: int, periods: int) -> tuple[float, float, 
     changes : int
         How often the number changes between one and others.
     """
-    ends = slips.end[slips.slip > SLIP * period]
+    ends = slips.end[slips.slip > THRESHOLDS.slip * period]
     counts = np.bincount(np.minimum((ends - 1) // period, periods - 1), minlength=periods)[-WOLF_PERIODS:]
     one = counts == 1
     return float(one.mean()), float(counts.mean()), int(np.count_nonzero(one[1:] != one[:-1]))

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS
 from bow_sim.physics.reflection import Reflection, gaussian
 from bow_sweep.maps.map_file import MAP, MapFile, MapFileError, read_map
 from bow_sweep.plan.sweep import Sweep
@@ -17,14 +18,10 @@ PAPER_F_0 = 440.0
 """Nominal frequency of the paper's string, 61160 Hz over 139 samples, Hz."""
 
 
-SLIP = 0.05
-"""Least integrated slip that counts in these claims, in v_b N.
+JUDGED_BY = "trial"
+"""The thresholds of all verdicts here: those that the figures were found with which the claims compare with."""
 
-The figures that are compared were counted so (PHYSICS.md section 7: 3 to 5 %); the verdicts' own threshold is higher.
-"""
-
-COUNTED = (f"classifier.slip={SLIP!r}",)
-"""Setting of every sweep here."""
+THRESHOLDS = THRESHOLD_PRESETS[JUDGED_BY]
 
 
 class Wanted(NamedTuple):
@@ -46,7 +43,9 @@ class Wanted(NamedTuple):
 
     def sweep(self, small: bool = False) -> Sweep:
         """Return the sweep."""
-        return Sweep.from_spec(self.preset, (*self.settings, *COUNTED, *(self.small if small else ())))
+        return Sweep.from_spec(
+            self.preset, (*self.settings, f"classifier.preset={JUDGED_BY}", *(self.small if small else ()))
+        )
 
 
 def _text(r: Reflection) -> str:
@@ -235,8 +234,7 @@ def _values(sweep: Sweep) -> dict[str, str]:
 def differences(plane: MapFile, sweep: Sweep) -> list[str]:
     """Return the settings of a map that are not those of a sweep, as "name = value, should be value"."""
     own, given = _values(sweep), _values(Sweep.from_spec()) | plane.values  # a map that is older has fewer settings
-    counts = {setting.partition("=")[0] for setting in COUNTED}
-    names = sorted(name for name in own if name in counts or not (name.startswith("classifier.") or name in NO_MATTER))
+    names = sorted(name for name in own if name not in NO_MATTER)
     return [f"{name} = {given.get(name)}, should be {own[name]}" for name in names if given.get(name) != own[name]]
 
 
