@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel.sources import source_hash
+from bow_sim.physics.kinds import MODEL, common, kinds_of
 from bow_sim.physics.parameters import Parameters
 
 
@@ -71,14 +72,22 @@ def fingerprint(parameters: Parameters, x: Axis, y: Axis) -> str:
 def _fingerprint(parameters: Parameters, x: tuple[str, tuple[float, ...]], y: tuple[str, tuple[float, ...]]) -> str:
     from bow_sim.kernel.block import Block  # Numba takes long to import
 
-    lanes = {
+    places = [*PLACES]
+    for swap, (name, values) in ((1, x), (-1, y)):
+        if name == MODEL:  # each of them has its own tables
+            places += [(n / max(len(values) - 1, 1), 0.5)[::swap] for n in range(len(values))]
+    cells = {
         name: np.array([values[round(share * (len(values) - 1))] for share in shares])
-        for (name, values), shares in zip((x, y), np.array(PLACES).T.tolist(), strict=True)
+        for (name, values), shares in zip((x, y), np.array(places).T.tolist(), strict=True)
     }
-    block = Block(parameters, lanes)
-    tables = _digest(block.contents())
-    outputs = [block.advance() for _ in range(min(CHUNKS, parameters.chunks))]
-    hashes = (source_hash(), _digest((x, y)), tables, _digest((outputs, block.contents())))
+    kinds = kinds_of(cells)
+    given, computed = [], []
+    for kind in [0] if kinds is None else np.unique(kinds).tolist():
+        own = cells if kinds is None else {name: values[kinds == kind] for name, values in cells.items()}
+        block = Block(*common(parameters, own)[:2])
+        given.append(_digest(block.contents()))
+        computed.append(([block.advance() for _ in range(min(CHUNKS, parameters.chunks))], block.contents()))
+    hashes = (source_hash(), _digest((x, y)), _digest(given), _digest(computed))
     return " ".join(f"{part}-{found}" for part, found in zip(PARTS, hashes, strict=True))
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 
 _LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
 
@@ -22,7 +22,7 @@ _MOST = 700.0
 """exp(x) is computed as that of the nearest x in -_MOST ... _MOST."""
 
 
-@njit(**_LEAN)
+@part(**_LEAN)
 def exp(x):
     """Return e**x."""
     x = min(_MOST, max(-_MOST, x))
@@ -34,7 +34,7 @@ def exp(x):
     return math.ldexp(total, int(k))
 
 
-@njit(**_LEAN)
+@part(**_LEAN)
 def log(x):
     """Return the natural logarithm of x > 0."""
     m, k = math.frexp(x)
@@ -47,7 +47,7 @@ def log(x):
     return k * _LN2 + 2.0 * s * total
 
 
-@njit(**_LEAN)
+@part(**_LEAN)
 def turn(x):
     """Return cosine and sine of x, in radians, -2 pi ... 2 pi."""
     h = x / 16.0
