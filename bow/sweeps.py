@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -66,6 +67,11 @@ def sweep(
     ParameterError
         For a sweep that cannot be computed; names the setting, its value and what would be right. It is a ValueError.
 
+    Warns
+    -----
+    UserWarning
+        Of what is allowed, but perhaps not meant: the notes of `bow sweep`.
+
     Examples
     --------
     >>> import bow
@@ -76,15 +82,59 @@ def sweep(
     >>> m.axes[0].name
     'bridge_r'
     """
+    plan = planned(preset, nx=nx, ny=ny, x=x, y=y, settings=settings, parameters=parameters)
+    for note in plan.notes:
+        warnings.warn(note, stacklevel=2)
+    return computed(plan, workers, progress)
+
+
+def planned(
+    preset: str,
+    *,
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> Sweep:
+    """Return the sweep that the arguments of :func:`sweep` describe."""
+    return Sweep.from_spec(preset, given_settings(nx, ny, x, y, settings, parameters))
+
+
+def given_settings(
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> list[str]:
+    """Return the arguments of :func:`sweep` as "name=value" settings."""
     given = [*embed_files(settings), *embed_files(_texts(parameters))]
     for key, axis, count in (("x", x, nx), ("y", y, ny)):
         given += _axis(key, axis)
         if count is not None:
             given.append(f"{key}.count={count}")
-    plan = Sweep.from_spec(preset, given)
-    with _shown(progress, plan.budget) as show:
+    return given
+
+
+def computed(plan: Sweep, workers: int | None, progress: bool, what: str = "sweep") -> Map:
+    """Compute a planned sweep; `what` is the word of its progress. For the others see :func:`sweep`."""
+    with showing(progress, plan.budget, what) as show:
         basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
     return Map(_map_file(plan, basin))
+
+
+def written(name: str, value: object) -> str:
+    """Return a Python value as a setting is written; a float has all its bits.
+
+    Raises
+    ------
+    ParameterError
+        Where it is neither a number nor a text.
+    """
+    return next(iter(_texts({name: value}))).partition("=")[2]
 
 
 def _texts(parameters: Mapping[str, object], prefix: str = "") -> Iterator[str]:
@@ -134,7 +184,7 @@ def _map_file(plan: Sweep, basin: Basin) -> MapFile:
 
 
 @contextlib.contextmanager
-def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] | None]:
+def showing(wanted: bool, cells: int, what: str = "sweep") -> Iterator[Callable[[float, float], None] | None]:
     """Yield a callback (done, total) that shows a bar on a terminal and in a notebook, and percentages elsewhere."""
     if not wanted:
         yield None
@@ -146,8 +196,8 @@ def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] 
     if not (console.is_terminal or console.is_jupyter):
         from bow_sweep.processes.progress import percentages
 
-        yield percentages("sweep")
+        yield percentages(what)
         return
     with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("sweep", total=cells)
+        task = bar.add_task(what, total=cells)
         yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block, ChunkResult
+from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.kinds import common, value_text
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
-from bow_sim.protocol.sweep_spec import split
+from bow_sim.protocol.sweep_spec import Axis, split
 
 
 @dataclass(eq=False)
@@ -28,10 +31,13 @@ class BlockRequest:
         The decoded Block message.
     block
         The kernel's block, at the beginning of its first chunk.
+    record
+        Which of its streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     message: Mapping[str, Any]
     block: Block
+    record: str = DEFAULT
 
     @property
     def key(self) -> tuple[int, int]:
@@ -42,6 +48,24 @@ class BlockRequest:
     def chunks(self) -> int:
         """How many chunks the block has."""
         return self.block.parameters.chunks
+
+    @property
+    def recorded(self) -> range:
+        """The chunks whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
+
+
+@functools.lru_cache(maxsize=8)
+def fingerprint_of(settings: tuple[str, ...]) -> str:
+    """Return what this machine computes for a sweep (:func:`bow_sim.kernel.fingerprint.fingerprint`).
+
+    Raises
+    ------
+    ParameterError
+        If the settings describe no sweep.
+    """
+    spec = split(settings)
+    return fingerprint(spec.parameters(), Axis.of("x", spec.x), Axis.of("y", spec.y))
 
 
 def prepare(message: Mapping[str, Any]) -> BlockRequest:
@@ -65,7 +89,7 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
         raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
     lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
     own = common(parameters, repeats.vary(parameters, lanes, cells, plane_cells))
-    return BlockRequest(message, Block(own.parameters, own.lanes))
+    return BlockRequest(message, Block(own.parameters, own.lanes), record_of(spec.record))
 
 
 def encode_chunk(

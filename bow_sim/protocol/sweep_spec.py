@@ -1,11 +1,11 @@
 """The written form of a sweep: "name=value" settings.
 
 Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map
-(``x=NAME`` is ``x.name=NAME``),
-``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, and ``repeats``, ``jitter`` and
-``seed`` (:mod:`bow_sim.protocol.repeats`). Here the settings are only sorted into these groups and the axes are read:
-:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline`
-reads the complete settings that a plan announces.
+(``x=NAME`` is ``x.name=NAME``), ``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``,
+``repeats``, ``jitter`` and ``seed`` (:mod:`bow_sim.protocol.repeats`), and ``record``
+(:mod:`bow_sim.protocol.recording`). Here the settings are only sorted into these groups and the axes are read:
+:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline` reads
+the complete settings that a plan announces.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
@@ -113,7 +114,7 @@ class Axis:
         """Return the values along the axis, (count,), both ends exact."""
         if self.given:
             return np.array(self.given)
-        space = np.geomspace if self.scale == "log" else np.linspace
+        space = exact.geometric if self.scale == "log" else np.linspace
         values: NDArray[np.float64] = space(self.first, self.last, self.count)
         values[0] = self.first
         if self.count > 1:
@@ -299,6 +300,7 @@ class Spec:
     repeats: object = None
     jitter: object = None
     seed: object = None
+    record: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -348,7 +350,7 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
             groups[head][tail] = value
         else:
             plain[key] = value
-    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed")}
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed", "record")}
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 
