@@ -72,10 +72,11 @@ def fingerprint(parameters: Parameters, x: Axis, y: Axis) -> str:
 def _fingerprint(parameters: Parameters, x: tuple[str, tuple[float, ...]], y: tuple[str, tuple[float, ...]]) -> str:
     from bow_sim.kernel.block import Block  # Numba takes long to import
 
-    places = [*PLACES]
-    for swap, (name, values) in ((1, x), (-1, y)):
+    places: list[tuple[float, float]] = [*PLACES]
+    for along, (name, values) in enumerate((x, y)):
         if name == MODEL:  # each of them has its own tables
-            places += [(n / max(len(values) - 1, 1), 0.5)[::swap] for n in range(len(values))]
+            shares = [n / max(len(values) - 1, 1) for n in range(len(values))]
+            places += [(0.5, share) if along else (share, 0.5) for share in shares]
     cells = {
         name: np.array([values[round(share * (len(values) - 1))] for share in shares])
         for (name, values), shares in zip((x, y), np.array(places).T.tolist(), strict=True)
