@@ -17,6 +17,7 @@ from bow.tables import columns
 from bow_sweep.cell.parting import median_parting, onsets_of, parting, partings
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cli import main
+from bow_sweep.figures.colours import GREY
 from bow_sweep.figures.reliability import draw_repeats, reliability_colours, repeats_figure
 from bow_sweep.maps.map_file import MapFileError, read_map
 from bow_sweep.maps.reliability import Reliability, in_words
@@ -256,4 +257,4 @@ def test_the_surer_a_cell_the_brighter_and_unknown_is_grey() -> None:
     shares = np.array([0, 0.5, 0.9, 1, np.nan], np.float32)
     brightness = reliability_colours(shares).astype(int).sum(axis=-1)
     assert (np.diff(brightness[:4]) > 0).all()
-    assert reliability_colours(shares)[4].tolist() == [150, 150, 150]
+    assert reliability_colours(shares)[4].tolist() == list(GREY)
