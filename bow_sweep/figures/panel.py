@@ -44,7 +44,7 @@ class Along:
         self.axis = axis
         count = axis.count
         self.edges = np.arange(count + 1.0)
-        self.uneven = axis.scale not in ("linear", "log") and count > 2
+        self.uneven = axis.scale != "log" and not _is_even(axis.values)
         if self.uneven:
             self.log, scaled = _evener(axis.values)
             middle = (scaled[1:] + scaled[:-1]) / 2
@@ -71,6 +71,11 @@ class Along:
         places = [(tick.position - 0.5) / 256 * self.axis.count for tick in even.ticks()]
         made = [Tick(place, tick.text) for place, tick in zip(places, even.ticks(), strict=True)]
         return [tick for tick in made if -1e-9 <= tick.position <= self.axis.count + 1e-9]
+
+
+def _is_even(values: np.ndarray) -> bool:
+    steps = np.diff(np.asarray(values, float))
+    return len(steps) < 2 or bool(np.ptp(steps) <= 1e-6 * abs(steps).max())
 
 
 def _evener(values: np.ndarray) -> tuple[bool, np.ndarray]:
