@@ -6,6 +6,7 @@ Texts have TeX between dollar signs, as Matplotlib draws it: ``$\mu_s = 0.8$``. 
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 
 from bow_sweep.figures.layers import AT_A_TEST, LAYERS, LayerError, Panel
@@ -158,6 +159,26 @@ def _symbols_in(text: str) -> str:
     return re.sub(rf"(?<![\w$\\])({words})(?!\w)", lambda found: f"${_WORDS[found[1]]}$", text)
 
 
+def in_plain_text(text: str) -> str:
+    """Return a text, which may have formulas of `FORMULAS`, without TeX."""
+    for formula, tex in FORMULAS.items():
+        text = text.replace(tex, _symbols_in(PLAIN_FORMULAS[formula]).replace("^2", "\u00b2"))
+    return plain(text)
+
+
+def wrapped_limits(plane: Plane, width: int) -> list[str]:
+    """Return :func:`limit_texts` as plain text in lines of at most `width` letters, where words allow it.
+
+    Drawing the formulas would take a fifth of the time of the whole picture.
+    """
+    return [
+        line
+        for text in limit_texts(plane)
+        for line in textwrap.wrap(in_plain_text(text), width, break_long_words=False, break_on_hyphens=False,
+                                  subsequent_indent="    ")
+    ]  # fmt: skip
+
+
 def layer_text(panel: Panel) -> str:
     """Return what a panel shows, a sentence without its end."""
     plane, layer = panel.plane, panel.layer
@@ -209,11 +230,7 @@ def caption(panels: Sequence[Panel], markup: str = "plain") -> str:
         )
     sentences += dict.fromkeys(text for panel in panels for text in limit_texts(panel.plane))
     text = " ".join(f"{_capital(sentence)}." for sentence in sentences)
-    if markup == "latex":
-        return latex(text)
-    for formula, tex in FORMULAS.items():
-        text = text.replace(tex, _symbols_in(PLAIN_FORMULAS[formula].replace("^2", "\u00b2")))
-    return plain(text)
+    return latex(text) if markup == "latex" else in_plain_text(text)
 
 
 def what_differs(planes: Sequence[Plane]) -> list[str]:

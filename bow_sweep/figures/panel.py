@@ -215,7 +215,7 @@ def draw_limits(
     ax: Axes,
     plane: Plane,
     labels: bool = True,
-    width: float = 1.4,
+    width: float = 1.6,
     size: float = 10,
     along: tuple[Along, Along] | None = None,
 ) -> None:
