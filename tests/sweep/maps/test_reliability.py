@@ -195,6 +195,25 @@ def test_the_partings_of_a_run_are_those_of_its_waveforms(repeated: Path, tmp_pa
     assert 0 < np.isfinite(found).mean() <= 1
 
 
+@pytest.mark.parametrize("record", ["last", "verdicts"])
+def test_slips_that_are_not_recorded_are_computed_again_and_must_have_the_recorded_checksum(
+    repeated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, record: str
+) -> None:
+    with RunCells(repeated) as cells:
+        assert cells.bag is not None
+        right = partings(cells.bag)
+        sweep = cells.sweep
+    run = recording.record(tmp_path / "run", replace(sweep, record=record))
+    with RunCells(run) as cells:
+        assert cells.bag is not None
+        np.testing.assert_array_equal(partings(cells.bag), right)
+        known = cells.bag.checksum
+        monkeypatch.setattr(cells.bag, "checksum", lambda block, chunk: known(block, chunk) ^ (block == 0))
+        found = partings(cells.bag)
+    assert np.isnan(found[:, 0]).all()  # block 0 has cells 0 ... 4
+    np.testing.assert_array_equal(found[:, 2], right[:, 2])
+
+
 def test_the_median_of_partings_is_one_of_them_and_never_is_the_last() -> None:
     inf, nan = np.inf, np.nan
     columns = np.array([[3, 1, 2], [inf, 1, inf], [4, 1, nan], [nan, nan, nan], [2, 8, 4]], np.float32).T
