@@ -14,7 +14,7 @@ from bow_sweep.figures.symbols import DASHED, plain, speed_unit, symbol_of
 from bow_sweep.maps.held_fixed import Held, gesture_of, held_fixed, in_the_other_system, moving, string_of
 from bow_sweep.maps.limit_lines import drawn
 from bow_sweep.maps.limits import FORMULAS as PLAIN_FORMULAS
-from bow_sweep.maps.limits import TITLES, limits
+from bow_sweep.maps.limits import TITLES, limits, why_no_bounds
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Plane
 from bow_sweep.maps.reliability import RELIABLE
@@ -136,7 +136,7 @@ def limit_texts(plane: Plane) -> list[str]:
     found = limits(plane)
     inside = {each.limit.name for each in drawn(plane)}
     same = len({each.inputs for each in found}) == 1
-    texts = []
+    texts = [mathematics(why)] if (why := why_no_bounds(plane)) else []
     for each in found:
         broken = " (broken line)" if each.name in DASHED else ""
         words = TITLES[each.name] + (broken if each.name in inside else " lies outside of the axes")

@@ -19,12 +19,13 @@ from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator
 
+from bow_sim.physics.kinds import MODEL, model_name
 from bow_sweep.figures.symbols import DASHED, limit_symbol, symbol_of
 from bow_sweep.figures.symbols import label as axis_label
 from bow_sweep.maps.axes import PlotAxis, Tick
 from bow_sweep.maps.held_fixed import moving
 from bow_sweep.maps.limit_lines import drawn
-from bow_sweep.maps.plane import Plane
+from bow_sweep.maps.plane import MODEL_NAMES, Plane
 
 MOST_AREAS = 30_000
 """Largest number of rectangles in a vector file; a map with more is an image in it."""
@@ -44,7 +45,7 @@ class Along:
         self.axis = axis
         count = axis.count
         self.edges = np.arange(count + 1.0)
-        self.uneven = axis.scale != "log" and not _is_even(axis.values)
+        self.uneven = axis.scale != "log" and axis.name != MODEL and not _is_even(axis.values)
         if self.uneven:
             self.log, scaled = _evener(axis.values)
             middle = (scaled[1:] + scaled[:-1]) / 2
@@ -63,6 +64,9 @@ class Along:
 
     def ticks(self) -> list[Tick]:
         """Return the ticks, with and without labels."""
+        if self.axis.name == MODEL:
+            names = [model_name(value) for value in self.axis.values]
+            return [Tick(i + 0.5, MODEL_NAMES.get(name, name)) for i, name in enumerate(names)]
         if not self.uneven:
             return self.axis.ticks()
         first, last = self._ends
@@ -190,7 +194,7 @@ def number(text: str) -> str:
     """Return a number as Matplotlib should write it: with a minus sign, and powers of ten as such."""
     found = re.fullmatch(r"(-?)([0-9.]+)e([+-][0-9]+)", text)
     if not found:
-        return text.replace("-", "\N{MINUS SIGN}")
+        return re.sub(r"^-(?=[0-9.])", "\N{MINUS SIGN}", text)
     head = "" if found[2] == "1" else rf"{found[2]}\times"
     return rf"${found[1]}{head}10^{{{int(found[3])}}}$"
 

@@ -80,6 +80,11 @@ def test_limits_are_formulas_and_say_which_line_is_broken() -> None:
     assert set(FORMULAS) == set(PLAIN_FORMULAS)
 
 
+def test_a_plane_without_bounds_says_why() -> None:
+    (why,) = limit_texts(plane_of("guettler_cello", "friction=thermal"))
+    assert why.startswith("no bounds of Guettler's: they need $\\mu_d$")
+
+
 def test_latex_escapes_what_is_special_outside_of_formulas() -> None:
     assert latex(r"50 % of a_b & $x_1 = 2$ #3") == r"50 \% of a\_b \& $x_1 = 2$ \#3"
 

@@ -125,6 +125,12 @@ def test_cells_reach_to_the_midpoints_between_uneven_values() -> None:
     assert even.ticks() == even.axis.ticks()
 
 
+def test_models_along_an_axis_have_their_names_and_cells_of_one_size() -> None:
+    along = Along(PlotAxis.of("model", np.array([4.0, 5.0])))
+    assert [tick.text for tick in along.ticks()] == ["Delta/Cremer", "Stiff/Cremer"]
+    assert along.edges.tolist() == [0, 1, 2]
+
+
 @pytest.mark.parametrize("plane", [map_file(computed=20), uneven()], ids=["even", "uneven"])
 def test_a_vector_file_has_every_cell_as_an_area_of_its_colour(plane: MapFile) -> None:
     colours = shown(plane, "regime").colours
