@@ -9,7 +9,8 @@ graphs       sweeps in a ROS graph
 cells        one cell: waveform, slips, spectrum, picture, sound
 dataset      a map, and the waveform of a cell, as xarray.Dataset
 tables       a map as a file: netCDF, CSV, Parquet
-pictures     a map as a picture for a paper
+pictures     maps as a picture for a paper
+plots        several maps, or runs, as a picture
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
 recordings   a measured bridge force judged
@@ -30,6 +31,7 @@ classify     judges a measured bridge force
 compare      compares maps
 graph        a ROS graph, to run sweeps in
 open         opens a recorded run
+plot         a picture of several maps
 sweep        computes a map in this process
 """
 
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from bow.graphs import graph as graph
     from bow.maps import Map as Map
     from bow.maps import open_run as open
+    from bow.plots import plot as plot
     from bow.recordings import Judged as Judged
     from bow.recordings import classify as classify
     from bow.shown import Picture as Picture
@@ -64,6 +67,7 @@ _PLACES = {
     "compare": "bow.comparison:compare",
     "graph": "bow.graphs:graph",
     "open": "bow.maps:open_run",
+    "plot": "bow.plots:plot",
     "sweep": "bow.sweeps:sweep",
 }
 
@@ -80,6 +84,7 @@ __all__ = [
     "compare",
     "graph",
     "open",
+    "plot",
     "sweep",
 ]
 

@@ -156,17 +156,31 @@ class Map(Found):
         write_map_npz(place, self.file)
         return place
 
-    def plot(self, layer: str = "transient", *, width_mm: float = 86.0, periods: float | None = None) -> Picture:
-        """Return a picture of one layer, made for a column of a journal; a notebook shows it.
+    def plot(
+        self,
+        *layers: str,
+        width_mm: float = 86.0,
+        periods: float | None = None,
+        columns: int | None = None,
+        style: str = "paper",
+    ) -> Picture:
+        """Return a picture made for a column of a journal, with a panel for each layer; a notebook shows it.
+
+        :func:`bow.plot` draws several maps together.
 
         Parameters
         ----------
-        layer
-            "transient", "regime", "terrain", "correlation", "confidence", "slips" or "corners".
+        *layers
+            "transient" (if none is given), "regime", "correlation", "confidence", "terrain", "reliability", "slips"
+            or "corners".
         width_mm
             Width of the whole picture.
         periods
             Time of the test, for the layers that have one; None: the last.
+        columns
+            Number of panels beside each other; None: 2 for several from 120 mm on, else 1.
+        style
+            "paper", "serif" or "slides".
 
         Raises
         ------
@@ -177,12 +191,13 @@ class Map(Found):
         --------
         >>> import bow
         >>> m = bow.sweep("fig11d", nx=8, ny=4, periods=20, progress=False)
-        >>> m.plot("regime").caption
-        'regime after 20 periods'
+        >>> m.plot("regime").caption.partition(",")[0]
+        'Regime after 20 periods. Stiff/Cremer string'
         """
         from bow.pictures import picture
 
-        return picture(self, layer, width_mm=width_mm, periods=periods)
+        return picture([self], layers or ("transient",), width_mm=width_mm, periods=periods, columns=columns,
+                       style=style)  # fmt: skip
 
     def _repr_png_(self) -> bytes:
         return self.plot(width_mm=140.0)._repr_png_()

@@ -13,6 +13,7 @@ from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
 from bow_sim.protocol.sweep_spec import split
 
@@ -27,10 +28,13 @@ class BlockRequest:
         The decoded Block message.
     block
         The kernel's block, at the beginning of its first chunk.
+    record
+        Which of its streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     message: Mapping[str, Any]
     block: Block
+    record: str = DEFAULT
 
     @property
     def key(self) -> tuple[int, int]:
@@ -41,6 +45,11 @@ class BlockRequest:
     def chunks(self) -> int:
         """How many chunks the block has."""
         return self.block.parameters.chunks
+
+    @property
+    def recorded(self) -> range:
+        """The chunks whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
 
 
 def prepare(message: Mapping[str, Any]) -> BlockRequest:
@@ -63,7 +72,8 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
     if cells.max() >= planned or len(np.unique(cells)) != len(cells):
         raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
     lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
-    return BlockRequest(message, Block(parameters, repeats.vary(parameters, lanes, cells, plane_cells)))
+    block = Block(parameters, repeats.vary(parameters, lanes, cells, plane_cells))
+    return BlockRequest(message, block, record_of(spec.record))
 
 
 def encode_chunk(

@@ -20,6 +20,7 @@ from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
 from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
 
@@ -50,6 +51,8 @@ class SweepOutline:
         Largest share of the cells that may be simulated; 1 = all cells, planned at once.
     repeats
         How the cells are repeated.
+    record
+        Which streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     run_id: str
@@ -64,6 +67,7 @@ class SweepOutline:
     planned: Blocks
     adaptive: float
     repeats: Repeats = NO_REPEATS
+    record: str = DEFAULT
 
     @classmethod
     def of(cls, plan: Mapping[str, Any]) -> SweepOutline:
@@ -103,6 +107,7 @@ class SweepOutline:
             planned=Blocks.announced(repeats.cells(x.count * y.count), block_cells, rounds),
             adaptive=adaptive,
             repeats=repeats,
+            record=record_of(spec.record),
         )
 
     def grown(self, rounds: NDArray[np.integer]) -> SweepOutline:
@@ -145,6 +150,11 @@ class SweepOutline:
     def chunks(self) -> int:
         """Number of chunks, and so of tests, of every block."""
         return self.parameters.chunks
+
+    @property
+    def recorded_chunks(self) -> range:
+        """The chunks of every block whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
 
     @property
     def chunk_samples(self) -> int:

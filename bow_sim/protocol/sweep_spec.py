@@ -1,10 +1,10 @@
 """The written form of a sweep: "name=value" settings.
 
 Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map,
-``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, and ``repeats``, ``jitter`` and
-``seed`` (:mod:`bow_sim.protocol.repeats`). Here the settings are only sorted into these groups and the axes are read:
-:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline`
-reads the complete settings that a plan announces.
+``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, ``repeats``, ``jitter`` and
+``seed`` (:mod:`bow_sim.protocol.repeats`), and ``record`` (:mod:`bow_sim.protocol.recording`). Here the
+settings are only sorted into these groups and the axes are read: :mod:`bow_sweep.plan.sweep` fills in the defaults
+before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline` reads the complete settings that a plan announces.
 """
 
 from __future__ import annotations
@@ -155,6 +155,7 @@ class Spec:
     repeats: object = None
     jitter: object = None
     seed: object = None
+    record: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -204,7 +205,7 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
             groups[head][tail] = value
         else:
             plain[key] = value
-    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed")}
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed", "record")}
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 

@@ -17,6 +17,7 @@ from bow_sweep.cli import (
     figure,
     inspect,
     nodes,
+    plot,
     recover,
     repeats,
     replay,
@@ -42,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
+    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare, plot
     for module in (*looked_at, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
     up.add_commands(commands)

@@ -11,6 +11,7 @@ from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics import body
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import Parameters
+from bow_sim.protocol.recording import DEFAULT, RECORD
 from bow_sim.protocol.repeats import MAX_SEED, Repeats
 from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
@@ -66,6 +67,9 @@ def _settings(args: argparse.Namespace) -> int:
         f"jitter = {Repeats.jitter:g}\n    largest relative deviation of f_asym and of f_init in a repeat; 0 ... 1\n"
         f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
     )
+    print(f"record = {DEFAULT}\n    what the bag holds beside the verdicts, which are always recorded")
+    for name, meaning in RECORD.items():
+        print(f"    {name}: {meaning}")
     return DONE
 
 

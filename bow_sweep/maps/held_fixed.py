@@ -177,6 +177,11 @@ class _Beside:
         return beside(name, float(value), self.values)
 
 
+def in_the_other_system(plane: Plane, name: str, value: float) -> str:
+    """Return a value of a parameter of a map in the other system of units, as "0.31 N"; "" where it differs by cell."""
+    return _Beside(plane)(name, value)
+
+
 def unit_of(name: str) -> str:
     """Return the unit of a setting, in the paper's units or in SI; "" for a number."""
     if name in UNITS:

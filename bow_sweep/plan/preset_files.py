@@ -23,6 +23,7 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
+from bow_sim.protocol.recording import RECORD
 from bow_sim.protocol.repeats import MAX_SEED
 from bow_sweep.plan.presets import presets, read_preset
 from bow_sweep.plan.sweep import Sweep, default_block_cells
@@ -150,6 +151,7 @@ def schema() -> dict[str, Any]:
     properties["repeats"] = {"type": "integer", "minimum": 0, "description": "further simulations of each cell"}
     properties["jitter"] = {**_number(), "description": "largest relative deviation of the forces in a repeat"}
     properties["seed"] = {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "of the deviations"}
+    properties["record"] = {"enum": list(RECORD), "description": "what the bag holds beside the verdicts"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "preset of bow sweep",

@@ -23,6 +23,7 @@ from bow_sim.physics.instruments import overridden
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
 from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
@@ -78,6 +79,8 @@ class Sweep:
         Largest share of the cells to simulate; 1 = all cells, planned at once.
     repeats
         How the cells are repeated.
+    record
+        Which streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     parameters: Parameters
@@ -88,6 +91,7 @@ class Sweep:
     preset: str = ""
     adaptive: float = 1.0
     repeats: Repeats = NO_REPEATS
+    record: str = DEFAULT
 
     @classmethod
     def from_spec(cls, preset: str = "", settings: Iterable[str] = ()) -> Sweep:
@@ -118,7 +122,8 @@ class Sweep:
         else:
             block_cells = spec.number("", "block_cells")
         check_size(x.count, y.count, block_cells, parameters, repeats.count)
-        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats)
+        record = record_of(spec.record)
+        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats, record)
 
     def settings(self) -> tuple[str, ...]:
         """Return every setting as "name=value", sorted; :meth:`from_spec` makes the same sweep of them."""
@@ -126,6 +131,8 @@ class Sweep:
         own["block_cells"] = self.block_cells
         if self.adaptive < 1:
             own["adaptive"] = self.adaptive
+        if self.record != DEFAULT:
+            own["record"] = self.record
         own |= self.repeats.settings()
         swept = (self.x.name + "=", self.y.name + "=")
         lines = [f"{key}={value}" for key, value in own.items()]
@@ -141,9 +148,10 @@ class Sweep:
     def sweep_id(self) -> str:
         """Hash of the settings (dtype included) and the kernel's source, 16 hexadecimal digits.
 
-        The thresholds are left out: they do not change the waveforms, which can be classified again.
+        The thresholds and what is recorded are left out: they do not change the waveforms, which can be classified
+        again.
         """
-        physics = [line for line in self.settings() if not line.startswith("classifier.")]
+        physics = [line for line in self.settings() if not line.startswith(("classifier.", "record="))]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
 
     @property
@@ -196,6 +204,11 @@ class Sweep:
     def chunks(self) -> int:
         """Number of chunks, and so of tests, of every block."""
         return self.parameters.chunks
+
+    @property
+    def recorded_chunks(self) -> range:
+        """The chunks of every block whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
 
     def block(self, block: int) -> np.ndarray:
         """Return the cells of a block planned at the start, (cells of the block,) uint32.

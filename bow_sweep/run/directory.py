@@ -107,7 +107,8 @@ class Run:
                 raise RunError(f"{directory}: holds a run already; resume it, or choose another directory")
             blocks = sweep.first_blocks
             first = [planned(run_id, sweep), *([round_entry(blocks)] if blocks.adaptive else [])]
-            run = cls(directory, run_id, sweep, blocks, Ledger(sweep.blocks, sweep.chunks), locked, first)
+            ledger = Ledger(sweep.blocks, sweep.chunks, sweep.recorded_chunks)
+            run = cls(directory, run_id, sweep, blocks, ledger, locked, first)
         except OSError as error:
             raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
         return run
@@ -131,7 +132,8 @@ class Run:
             blocks = blocks_of(sweep, entries)
         except ValueError as error:
             raise RunError(f"{directory / LEDGER}: {error}") from None
-        run = cls(directory, plan["run_id"], sweep, blocks, Ledger.resume(blocks.count, sweep.chunks, entries), locked)
+        ledger = Ledger.resume(blocks.count, sweep.chunks, entries, sweep.recorded_chunks)
+        run = cls(directory, plan["run_id"], sweep, blocks, ledger, locked)
         run.quarantined = {
             e["block"]: e.get("why", "")
             for e in entries
