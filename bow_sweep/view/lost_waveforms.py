@@ -60,6 +60,8 @@ def from_bag(directory: Path, run_id: str, missing: Mapping[int, Ranges], proble
                     continue
                 if force is not None:
                     yield Found(cell, chunk * samples, force)
+                elif chunk not in bag.outline.recorded_chunks:
+                    problems.append(f"the run was recorded with record={bag.outline.record}")
     finally:
         bag.close()
 
@@ -73,7 +75,7 @@ def computed_again(plan: Mapping[str, Any], outline: SweepOutline, missing: Mapp
     from bow_sim.kernel.fingerprint import fingerprint
     from bow_sweep.cell.computed import compute
 
-    if plan["fingerprint"] != fingerprint():
+    if plan["fingerprint"] != fingerprint(outline.parameters, outline.x, outline.y):
         return
     states = plan["block_states"]
     done = {

@@ -19,8 +19,11 @@ from rclpy.subscription import Subscription
 from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, BowNode, StartupError
 from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
+from bow_sim.protocol.inspected import SPREAD, spread_over
 from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.neighbours import Neighbour
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sweep.run.places import find_place
 from bow_sweep.view.status_page import NodeStatus
 from bow_sweep.view.viewer import Screen, port_of
 from bow_sweep.view.wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
@@ -63,6 +66,8 @@ class DashboardNode(BowNode):
         runs_dir = self.read_parameter("runs_dir", "runs", "directory of the run directories, each named by its run_id")
         run_dir = self.read_parameter("run_dir", "", "exact run directory, instead of one below runs_dir")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
+        places = self.read_parameter("places", "", "folder of notes that say where runs go, see `bow up`")
+        self._places = Path(places) if places else None
         self._view = self.read_parameter("view", False, "open the live viewer when a sweep opens")
         self._port = self.read_parameter(
             "port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", (0, 65535)
@@ -134,7 +139,10 @@ class DashboardNode(BowNode):
         if not IDENTITY.fullmatch(run):
             self.ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
             return
-        directory = self._run_dir or self._runs_dir / run
+        place = find_place(self._places, run)
+        if place is not None and not place.dashboard:
+            return
+        directory = self._run_dir or (place.directory if place else self._runs_dir / run)
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
             return  # the run ended before this dashboard started, and was not asked for by its directory
         if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
@@ -144,7 +152,8 @@ class DashboardNode(BowNode):
             if is_measured(plan):
                 self._live = self._open_measured(directory, plan)
             else:
-                self._live = LiveRun(directory, plan, self._inspected, self._uri, self.get_logger().warning)
+                inspected = spread_over(SweepOutline.of(plan)) if self._inspected == [SPREAD] else self._inspected
+                self._live = LiveRun(directory, plan, inspected, self._uri, self.get_logger().warning)
         except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
