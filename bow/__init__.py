@@ -9,12 +9,13 @@ graphs       sweeps in a ROS graph
 cells        one cell: waveform, slips, spectrum, picture, sound
 dataset      a map, and the waveform of a cell, as xarray.Dataset
 tables       a map as a file: netCDF, CSV, Parquet
-pictures     a map as a picture for a paper
+pictures     maps as a picture for a paper
+plots        several maps, or runs, as a picture
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
 studies      a family of maps over further parameters
 recordings   a measured bridge force judged
-force_slips  the slips of a string, from its bridge force alone
+recorded     recordings of a bridge force in files
 optional     libraries that not every installation has
 
 Public names, imported when they are first used:
@@ -30,9 +31,10 @@ Sound        a sound; a notebook plays it
 Study        a family of maps over further parameters
 classify     judges a measured bridge force
 compare      compares maps
-    "graph": "bow.graphs:graph",
-    "open": "bow.studies:open_any",
-    "study": "bow.studies:study",
+graph        a ROS graph, to run sweeps in
+open         opens a recorded run or study
+plot         a picture of several maps
+study        computes a family of maps in a ROS graph
 sweep        computes a map in this process
 """
 
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from bow.graphs import Graph as Graph
     from bow.graphs import graph as graph
     from bow.maps import Map as Map
+    from bow.plots import plot as plot
     from bow.recordings import Judged as Judged
     from bow.recordings import classify as classify
     from bow.shown import Picture as Picture
@@ -70,6 +73,7 @@ _PLACES = {
     "compare": "bow.comparison:compare",
     "graph": "bow.graphs:graph",
     "open": "bow.studies:open_any",
+    "plot": "bow.plots:plot",
     "study": "bow.studies:study",
     "sweep": "bow.sweeps:sweep",
 }
@@ -88,6 +92,7 @@ __all__ = [
     "compare",
     "graph",
     "open",
+    "plot",
     "study",
     "sweep",
 ]

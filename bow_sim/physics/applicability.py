@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from bow_sim.physics.body import LEFT_OUT, left_out, mode_setting, modes_of
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import BRIDGES, NEEDS, SI
+from bow_sim.physics.kinds import with_values
 from bow_sim.physics.parameters import FIELDS, FRICTIONS, GESTURES, SUSTAINED, TORSION_REFLECTED, Parameters
 from bow_sim.physics.reflection import CREMER, ends
 
@@ -267,7 +268,7 @@ def notes_of_map(p: Parameters, x: Any, y: Any) -> tuple[str, ...]:
     p : Parameters
         What all cells share.
     x, y : Axis
-        With `name`, `first` and `last`.
+        With `name`, and `tried()`, the values to check with where they stand.
     """
     return tuple(dict.fromkeys(note for _, corner in _corners(p, x, y) for note in notes(corner)))
 
@@ -291,9 +292,9 @@ def check_strings(p: Parameters, x: Any, y: Any) -> None:
 
 
 def _corners(p: Parameters, x: Any, y: Any) -> Iterator[tuple[str, Parameters]]:
-    for a in ("first", "last"):
-        for b in ("first", "last"):
-            yield f"at x.{a} and y.{b}", p.replace(**{x.name: getattr(x, a), y.name: getattr(y, b)})
+    for a, x_value in x.tried():
+        for b, y_value in y.tried():
+            yield f"at x.{a} and y.{b}", with_values(p, {x.name: x_value, y.name: y_value})
 
 
 def _has_body(p: Parameters) -> bool:

@@ -1,11 +1,11 @@
 """The written form of a sweep: "name=value" settings.
 
 Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map
-(``x=NAME`` is ``x.name=NAME``),
-``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, and ``repeats``, ``jitter`` and
-``seed`` (:mod:`bow_sim.protocol.repeats`). Here the settings are only sorted into these groups and the axes are read:
-:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline`
-reads the complete settings that a plan announces.
+(``x=NAME`` is ``x.name=NAME``), ``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``,
+``repeats``, ``jitter`` and ``seed`` (:mod:`bow_sim.protocol.repeats`), and ``record``
+(:mod:`bow_sim.protocol.recording`). Here the settings are only sorted into these groups and the axes are read:
+:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline` reads
+the complete settings that a plan announces.
 """
 
 from __future__ import annotations
@@ -21,6 +21,16 @@ from numpy.typing import NDArray
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import (
+    MODEL,
+    MODEL_NAMES,
+    in_order,
+    is_kind,
+    kinds_of,
+    model_name,
+    value_text,
+    with_values,
+)
 from bow_sim.physics.parameters import (
     FIELDS,
     SWEEPABLE,
@@ -50,7 +60,7 @@ class Axis:
     Attributes
     ----------
     name
-        One for which :func:`bow_sim.physics.parameters.is_sweepable` holds.
+        One for which :func:`bow_sim.physics.parameters.is_sweepable` or :func:`bow_sim.physics.kinds.is_kind` holds.
     scale
         "log", "linear", or "values" where all values are given.
     first, last
@@ -94,7 +104,7 @@ class Axis:
             first=real_number(f"{key}.first", given["first"]),
             last=real_number(f"{key}.last", given["last"]),
             count=whole_number(f"{key}.count", given["count"]),
-            given=read_values(f"{key}.values", given["values"]) if "values" in given else (),
+            given=read_values(f"{key}.values", given["values"], str(given["name"])) if "values" in given else (),
         )
         axis._check(key)
         return axis
@@ -113,11 +123,23 @@ class Axis:
     def settings(self) -> dict[str, object]:
         """Return the settings of the axis by name, without ``x.``; :meth:`of` reads them back bit for bit."""
         own: dict[str, object] = {name: getattr(self, name) for name in AXIS_SETTINGS[:-1]}
-        return own | {"values": f"[{', '.join(map(repr, self.given))}]"} if self.given else own
+        texts = [value_text(self.name, value, "r") for value in self.given]
+        return own | {"values": f"[{', '.join(texts)}]"} if self.given else own
+
+    def tried(self) -> list[tuple[str, float]]:
+        """Return the values that are checked before a sweep starts, and where each stands: the ends, or all models.
+
+        The ends are enough, because every limit of a number is an interval or another parameter.
+        """
+        if self.name == MODEL:
+            return [(f"model={model_name(value)}", value) for value in self.given]
+        return [("first", self.first), ("last", self.last)]
 
     def _check(self, key: str) -> None:
         """Raise ParameterError, which names the setting, for an axis that cannot be."""
         check_name(key, self.name)
+        if self.name == MODEL and not self.given:
+            raise ParameterError(f"{key}.name = 'model': needs {key}.values=[{', '.join(MODEL_NAMES[-2:])}] or so")
         if self.scale not in ("log", "linear", VALUES):
             raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
         if (self.scale == VALUES) != bool(self.given):
@@ -166,7 +188,7 @@ AXIS_SETTINGS = ("name", "scale", "first", "last", "count", "values")
 
 def check_name(key: str, name: str) -> None:
     """Raise ParameterError where a parameter cannot be the axis `key`; says why, and what would do."""
-    if is_sweepable(name):
+    if is_sweepable(name) or is_kind(name):
         return
     if name in WHY_NOT:
         raise ParameterError(f"{key}.name = {name!r}: cannot be swept: {WHY_NOT[name]}")
@@ -175,9 +197,6 @@ def check_name(key: str, name: str) -> None:
     if name in FIELDS or name in PRESETS:
         over = f"{name}={','.join(choices[:2]) or '...'}"
         raise ParameterError(f"{where} it is no number; {_STUDY} {over}")
-    if name.startswith("classifier."):
-        right = f"{_STUDY} {name}=...; or judge a run again: bow replay RUN --set {name.partition('.')[2]}=..."
-        raise ParameterError(f"{where} it changes no waveform, only what is said of it; {right}")
     if name in ("block_cells", "adaptive", "repeats", "jitter", "seed"):
         raise ParameterError(f"{where} it says how a map is computed, not what of; {_STUDY} {name}=...")
     close = difflib.get_close_matches(name, [*SWEEPABLE, *SI, *WHY_NOT], n=1)
@@ -203,8 +222,10 @@ def check_names(key: str, given: Iterable[str]) -> None:
         raise ParameterError(f"{key}.{min(unknown)}: no such setting; the axis has {known}")
 
 
-def read_values(key: str, value: object) -> tuple[float, ...]:
+def read_values(key: str, value: object, name: str = "") -> tuple[float, ...]:
     """Return the numbers of a list, or of its text such as "[0.1, 0.2, 0.5]"; brackets may be left out.
+
+    Models, where `name` says that it is of these, are names; they come in the order of the hierarchy.
 
     Raises
     ------
@@ -217,6 +238,8 @@ def read_values(key: str, value: object) -> tuple[float, ...]:
         words = str(value).strip().removeprefix("[").removesuffix("]").split(",")
     if len(words) > MOST_VALUES:
         raise ParameterError(f"{key}: {len(words)} values: should be at most {MOST_VALUES}; or give first, last, count")
+    if name == MODEL:
+        return in_order(words)
     numbers = [as_number(word.strip().strip("'\"") if isinstance(word, str) else word) for word in words]
     if None in numbers:
         wrong = words[numbers.index(None)]
@@ -233,11 +256,17 @@ def axis_values(x: Axis, y: Axis, cells: NDArray[np.integer]) -> dict[str, NDArr
     return {x.name: x.values()[ix], y.name: y.values()[iy]}
 
 
+def kinds_of_cells(x: Axis, y: Axis, cells: int) -> NDArray[np.int64] | None:
+    """Return the kind of every cell, (cells,), repeats included; None where all are of one kind."""
+    if not (is_kind(x.name) or is_kind(y.name)):
+        return None
+    return kinds_of(axis_values(x, y, np.arange(cells)))
+
+
 def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
     """Check two axes together with the parameters that all cells share.
 
-    Only the four corners are tried. This is enough, because every limit of a parameter is an interval or another
-    parameter.
+    Only the four corners are tried, and all models, see :meth:`Axis.tried`.
 
     Raises
     ------
@@ -250,9 +279,9 @@ def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
             f"y.name = {y.name!r}: both axes are this parameter; they should differ: set y.name, for instance "
             f"y.name={other}"
         )
-    for x_end, y_end in itertools.product(("first", "last"), repeat=2):
+    for (x_end, x_value), (y_end, y_value) in itertools.product(x.tried(), y.tried()):
         try:
-            parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
+            with_values(parameters, {x.name: x_value, y.name: y_value})
         except ParameterError as error:
             raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
 
@@ -270,6 +299,7 @@ class Spec:
     repeats: object = None
     jitter: object = None
     seed: object = None
+    record: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -319,7 +349,7 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
             groups[head][tail] = value
         else:
             plain[key] = value
-    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed")}
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed", "record")}
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
 
 

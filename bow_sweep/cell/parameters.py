@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from bow_sim.physics.kinds import with_values
 from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol.sweep_spec import VALUES, Axis
 from bow_sweep.cell.waveform import CellError
@@ -41,7 +42,7 @@ def lanes(plane: Plane, cells: np.ndarray) -> dict[str, np.ndarray]:
 def parameters_of(plane: Plane, cell: int) -> Parameters:
     """Return everything that decides the waveform of a cell."""
     own = lanes(plane, np.array([cell]))
-    return plane.parameters.replace(**{name: float(values[0]) for name, values in own.items()})
+    return with_values(plane.parameters, {name: float(values[0]) for name, values in own.items()})
 
 
 def place(name: str, value: float, values: np.ndarray, scale: str) -> int:

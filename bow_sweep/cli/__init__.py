@@ -22,6 +22,7 @@ compare       `bow compare`
 explore       `bow explore`
 repeats       `bow repeats`
 export        `bow export`
+plot          `bow plot`
 classify      `bow classify`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on

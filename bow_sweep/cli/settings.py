@@ -10,9 +10,12 @@ from typing import Any
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics import body
 from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import MODEL, THRESHOLD
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.usual_axes import usual
+from bow_sim.protocol.recording import DEFAULT, RECORD
 from bow_sim.protocol.repeats import MAX_SEED, Repeats
+from bow_sweep.plan.axes import of_threshold
 from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
@@ -38,7 +41,7 @@ def _settings(args: argparse.Namespace) -> int:
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
-            text = _describe(field) + (_other_ways(name) + _as_axis(name)) * (not prefix)
+            text = _describe(field) + _other_ways(name) * (not prefix) + _as_axis(f"{prefix}{name}")
             print(textwrap.indent(text, "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
@@ -77,6 +80,9 @@ def _settings(args: argparse.Namespace) -> int:
         f"jitter = {Repeats.jitter:g}\n    largest relative deviation of f_asym and of f_init in a repeat; 0 ... 1\n"
         f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
     )
+    print(f"record = {DEFAULT}\n    what the bag holds beside the verdicts, which are always recorded")
+    for name, meaning in RECORD.items():
+        print(f"    {name}: {meaning}")
     return DONE
 
 
@@ -95,6 +101,10 @@ _SOURCES = {"bridge": "PHYSICS.md 3 and 10", "hair": "PHYSICS.md 12", "rosin": "
 
 def _as_axis(name: str) -> str:
     """Return the usual axis of a setting on a line of its own; "" where it cannot be an axis."""
+    if name == MODEL:
+        return "\naxis: all models, or those of x.values=[raman,stiff_cremer]"
+    if name.startswith(THRESHOLD):
+        return "\naxis: {0.scale} {0.first:g} ... {0.last:g}".format(of_threshold(name.removeprefix(THRESHOLD)))
     if (found := usual(name)) is not None:
         return f"\naxis: {found}"
     return f"\naxis: that of {SI[name].same}, in SI units" if name in SI else ""

@@ -66,6 +66,7 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
         "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
+        "  bow sweep fig11d --record verdicts        a small bag: waveforms are computed again when asked for\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
         "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
@@ -84,6 +85,12 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--ny", metavar="N", help="cells along y (f_init/f_asym)")
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
+    parser.add_argument(
+        "--record",
+        metavar="WHAT",
+        help="what the bag holds beside the verdicts: all streams (the default), last (those of the last five periods) "
+        "or verdicts (none); what is left out can be computed again to the bit, and `bow verify` proves it",
+    )
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument(
         "--simulators",
@@ -121,7 +128,7 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_sweep)
 
 
-_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive")}
+_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive", "record")}
 _SHORT = {**_SAME, "nx": "x.count", "ny": "y.count"}
 """Option -> the setting that it gives."""
 

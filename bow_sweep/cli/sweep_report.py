@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.graph import environment
+from bow_sim.physics.parameters import parse_settings
+from bow_sim.protocol.recording import DEFAULT
 from bow_sweep.cli.terminal import warn
 from bow_sweep.maps.reliability import in_words
 
@@ -23,10 +25,17 @@ FILES = {
     "map.png": "the basin map, to look at",
     "map.npz": "the same as arrays",
     "dashboard.rrd": "rerun {path}",
-    "bag": "every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
+    "bag": "{held}, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
     "report.json": "accounts, versions, parameters",
 }
 """Files of a run directory that are for people; the pictures may be missing."""
+
+HELD = {
+    "all": "every sample",
+    "last": "every verdict, and the samples of the last five periods",
+    "verdicts": "every verdict, no samples",
+}
+"""What is in the bag, by what the run recorded."""
 
 
 def self_check(directory: Path, print_line: Callable[[str], None], *, whole: bool) -> str:
@@ -127,6 +136,7 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
     repeats = found.get("repeats")
     if repeats:
         whole = "the map"
+    held = HELD[parse_settings(found["settings"]).get("record", DEFAULT)]
     number = f" ({_of_plane(found)} of the map and their repeats)" if repeats else ""
     lines = [
         f"{cells['done']} of {cells['planned']} cells{number} in {found['wall_seconds']:.1f} s; "
@@ -138,7 +148,8 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
         "",
         f"{directory}/",
         *(
-            f"  {name + '/' * (directory / name).is_dir():15} {what.format(path=shlex.quote(str(directory / name)))}"
+            f"  {name + '/' * (directory / name).is_dir():15} "
+            + what.format(path=shlex.quote(str(directory / name)), held=held)
             for name, what in FILES.items()
             if (directory / name).exists()
         ),

@@ -60,7 +60,7 @@ _TABLE: dict[str, Symbol] = {
     # bridge and body
     "bridge_r": Symbol("R", "dashpot of the bridge", "$Z_0$"),
     "bridge_w_c": Symbol(r"\omega_c", "corner of the bridge", r"$\omega_1$"),
-    "body_scale": Symbol(r"s_\mathrm{body}", "mobility of the body, factor"),
+    "body_scale": Symbol(r"s_\mathrm{body}", "mobility of the body"),
     # the bow
     "bow_bridge": Symbol(r"\beta N", "distance bow to bridge", "samples"),
     "bow_offset": Symbol(r"\delta", "distance bow to bridge beyond whole samples", "samples"),
@@ -101,6 +101,17 @@ _MODES: dict[str, tuple[str, str, str]] = {
     "k": (r"\kappa_{b%d}", "mobility of body mode %d", ""),
 }
 """Symbol, meaning and unit of the settings of a single mode of the body, with a place for its number."""
+
+_LIMITS = {
+    "schelleng_max": r"F_\mathrm{max}",
+    "schelleng_min": r"F_\mathrm{min}",
+    "guettler_low": r"a_\mathrm{low}",
+    "guettler_high": r"a_\mathrm{high}",
+}
+"""Limits of theory (:mod:`bow_sweep.maps.limits`) to their symbols."""
+
+DASHED = ("schelleng_min", "guettler_high")
+"""Limits whose lines are broken, so that two of them are told apart without their labels."""
 
 GREEK = {
     "beta": "β", "delta": "δ", "kappa": "κ", "mu": "µ", "omega": "ω", "pi": "π", "tau": "τ", "Delta": "Δ",
@@ -176,6 +187,11 @@ def _short(number: str) -> str:
         return number
 
 
+def limit_symbol(name: str) -> str:
+    """Return the symbol of a limit of theory by its name in ``map.npz``; TeX without dollar signs."""
+    return _LIMITS.get(name, name.replace("_", r"\ "))
+
+
 def label(symbol: Symbol, words: bool = False) -> str:
     """Return the title of an axis for Matplotlib: symbol and unit, and before them the words if asked for."""
     unit = f" ({symbol.unit})" if symbol.unit else ""
@@ -199,5 +215,5 @@ _POWERS = str.maketrans("0123456789-/", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ")
 def _plain_mathematics(tex: str) -> str:
     text = re.sub(r"\\math[a-z]+\{([^{}]*)\}", r"\1", tex)
     text = re.sub(r"\^(?:\{([^{}]*)\}|(.))", lambda found: (found[1] or found[2]).translate(_POWERS), text)
-    text = re.sub(r"\\([A-Za-z]+)\s*", lambda found: GREEK.get(found[1], found[1]), text)
+    text = re.sub(r"\\([A-Za-z]+)(?:\s+(?=[A-Za-z]))?", lambda found: GREEK.get(found[1], found[1]), text)
     return re.sub(r"[{}]", "", text.replace("\\ ", " ").replace("\\", ""))

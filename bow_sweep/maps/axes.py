@@ -15,6 +15,7 @@ import numpy as np
 
 from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, Quantity
+from bow_sim.physics.kinds import MODEL, THRESHOLD, model_name
 from bow_sim.physics.parameters import FIELDS
 
 TITLES = {
@@ -93,6 +94,8 @@ class PlotAxis:
             raise ValueError(f"axis {name}: should be one or more finite numbers, is {values!r}")
         if not ((steps > 0).all() or (steps < 0).all()):
             raise ValueError(f"axis {name}: its values should rise or fall throughout")
+        if name == MODEL:
+            return cls(name, values, "values")
         if _is_geometric(name, values):
             return cls(name, values, "log")
         even = len(steps) < 2 or np.ptp(steps) <= 1e-6 * abs(steps).max()
@@ -119,6 +122,9 @@ class PlotAxis:
         cell = int(np.clip(np.searchsorted(rising, sign * value), 1, self.count - 1)) - 1
         return cell + 0.5 + float((sign * value - rising[cell]) / (rising[cell + 1] - rising[cell]))
 
+    def _text(self, value: float) -> str:
+        return model_name(value).replace("_", " ") if self.name == MODEL else _number(value)
+
     def _scaled(self, value: float) -> float:
         return math.log10(value) if self.scale == "log" else float(value)
 
@@ -133,10 +139,10 @@ class PlotAxis:
     def ticks(self) -> list[Tick]:
         """Return the ticks of the axis, with and without labels, by rising position."""
         if self.count == 1:
-            return [Tick(0.5, _number(self.values[0]))]
+            return [Tick(0.5, self._text(self.values[0]))]
         if self.scale == "values":
             step = -(-self.count // MOST_TICKS)
-            return [Tick(i + 0.5, "" if i % step else _number(value)) for i, value in enumerate(self.values)]
+            return [Tick(i + 0.5, "" if i % step else self._text(value)) for i, value in enumerate(self.values)]
         low, high = sorted((self._at(0.0), self._at(float(self.count))))
         if self.scale == "log" and high / low >= 3:
             major, minor = _log_ticks(low, high)
@@ -181,6 +187,8 @@ class PlotAxis:
 
 def _si(name: str) -> Quantity:
     """Return what a setting in SI units, or of one mode of a body, is; of an unknown one only the name."""
+    if name.startswith(THRESHOLD):
+        return Quantity(name, "", f"threshold {name.removeprefix(THRESHOLD)}", (), lambda x, _: x)
     if mode := mode_unit(name):
         return Quantity(name, *mode, (), lambda x, _: x)
     return SI.get(name) or Quantity(name, "", name, (), lambda x, _: x)

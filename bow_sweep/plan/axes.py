@@ -6,14 +6,18 @@ that puts another parameter on an axis takes nothing but the number of cells fro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics import body
+from bow_sim.physics.applicability import check_axes
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import SI
+from bow_sim.physics.kinds import MODEL, MODEL_NAMES, THRESHOLD, with_values
 from bow_sim.physics.parameters import TYPES, Parameters
-from bow_sim.physics.usual_axes import Span, span
+from bow_sim.physics.usual_axes import Span, rounded, span
 from bow_sim.protocol.sweep_spec import (
     VALUES,
     Axis,
@@ -108,8 +112,10 @@ class AxisSettings:
             For an axis that cannot be; names the setting and its value.
         """
         given = dict(self.given)
+        if self.name == MODEL and "values" not in given:
+            given = {"name": MODEL, "values": list(MODEL_NAMES)}
         if "values" in given:
-            values = read_values(f"{self.key}.values", given["values"])
+            values = read_values(f"{self.key}.values", given["values"], self.name)
             of_values: dict[str, Any] = {"scale": VALUES, "first": values[0], "last": values[-1], "count": len(values)}
             return Axis.of(self.key, {**of_values, **given})
         given.setdefault("count", self._cells)
@@ -118,7 +124,9 @@ class AxisSettings:
             check_name(self.key, self.name)
             if given.get("scale") == VALUES:
                 raise ParameterError(f"{self.key}.scale = {VALUES!r}: needs {self.key}.values=[...]")
-            if missing != ["scale"] or self.name not in SI:
+            if self.name.startswith(THRESHOLD):
+                usual = of_threshold(self.name.removeprefix(THRESHOLD))
+            elif missing != ["scale"] or self.name not in SI:
                 usual = span(self.name, self.key, p, swept)
             else:  # both ends are given, and the range in SI units may depend on what is not
                 usual = Span("linear", 1.0, 1.0)
@@ -172,6 +180,52 @@ def axes(
     return x, y
 
 
+THRESHOLDS: dict[str, Any] = Thresholds.__dataclass_fields__
+"""The thresholds, by name."""
+
+_THRESHOLDS = {
+    "correlation": Span("linear", 0.8, 0.99),
+    "lag_first": Span("linear", 0.9, 0.99),
+    "lag_last": Span("linear", 1.01, 1.1),
+    "lag_long": Span("linear", 2.1, 4.2),
+}
+"""Usual axes of thresholds near a bound, which half of them and half as much again would cross."""
+
+
+def of_threshold(name: str) -> Span:
+    """Return the usual axis of a threshold: from half of it to half as much again."""
+    value = float(THRESHOLDS[name].default)
+    return _THRESHOLDS.get(name, Span("linear", rounded(0.5 * value), rounded(1.5 * value)))
+
+
+def check_threshold(axis: AxisSettings, values: Iterable[float]) -> None:
+    """Raise ParameterError where a value on an axis cannot be the threshold that it is of."""
+    if not axis.name.startswith(THRESHOLD):
+        return
+    for value in values:
+        try:
+            Thresholds.from_mapping({axis.name.removeprefix(THRESHOLD): value})
+        except ParameterError as error:
+            raise ParameterError(f"{axis.key}.name = {axis.name!r}: {error}") from None
+
+
+def check_axes_of_models(p: Parameters, x: AxisSettings, y: AxisSettings) -> None:
+    """Raise ParameterError where a setting along x or y has an effect in none of the models of a map."""
+    names = [x.name, y.name]
+    if MODEL not in names:
+        check_axes(p, names)
+        return
+    models = (x if x.name == MODEL else y).axis(p, {}).given
+    errors = []
+    for number in models:
+        try:
+            check_axes(with_values(p, {MODEL: number}), names)
+        except ParameterError as error:
+            errors.append(error)
+    if len(errors) == len(models):
+        raise errors[0]
+
+
 def check_two(x: AxisSettings, y: AxisSettings) -> None:
     """Check the parameters of two axes, before anything is known of their values.
 
@@ -182,6 +236,8 @@ def check_two(x: AxisSettings, y: AxisSettings) -> None:
     """
     for axis in (x, y):
         check_name(axis.key, axis.name)
+        if axis.name.startswith(THRESHOLD):
+            check_threshold(axis, [math.nan] if axis.name.removeprefix(THRESHOLD) not in THRESHOLDS else [])
     if x.name != y.name and _same(x.name) == _same(y.name):
         raise ParameterError(
             f"y.name = {y.name!r}: gives {_same(y.name)}, as x.name = {x.name!r} does; the axes should differ"
@@ -200,4 +256,6 @@ def made(x: AxisSettings, y: AxisSettings, p: Parameters) -> tuple[Axis, Axis]:
     one = first.axis(p, {})
     values = one.values()
     other = second.axis(p, {} if one.name in SI else {one.name: float(values[len(values) // 2])})
+    check_threshold(first, (one.first, one.last))
+    check_threshold(second, (other.first, other.last))
     return (other, one) if first is y else (one, other)

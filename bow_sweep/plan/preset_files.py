@@ -22,7 +22,9 @@ from bow_sim.physics.body import MODE_SETTING
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import MODEL, THRESHOLD
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
+from bow_sim.protocol.recording import RECORD
 from bow_sim.protocol.repeats import MAX_SEED
 from bow_sim.protocol.sweep_spec import VALUES, read_values
 from bow_sweep.plan.presets import presets, read_preset
@@ -152,6 +154,7 @@ def schema() -> dict[str, Any]:
     properties["repeats"] = {"type": "integer", "minimum": 0, "description": "further simulations of each cell"}
     properties["jitter"] = {**_number(), "description": "largest relative deviation of the forces in a repeat"}
     properties["seed"] = {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "of the deviations"}
+    properties["record"] = {"enum": list(RECORD), "description": "what the bag holds beside the verdicts"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "preset of bow sweep",
@@ -172,9 +175,9 @@ def _number() -> dict[str, Any]:
 
 
 def _axis(key: str) -> dict[str, Any]:
-    names = {
-        "anyOf": [{"enum": sorted(SWEEPABLE | SI.keys())}, {"type": "string", "pattern": f"^{MODE_SETTING.pattern}$"}]
-    }
+    known = SWEEPABLE | SI.keys() | {MODEL} | {f"{THRESHOLD}{name}" for name in Thresholds.__dataclass_fields__}
+    modes = {"type": "string", "pattern": f"^{MODE_SETTING.pattern}$"}
+    names: dict[str, Any] = {"anyOf": [{"enum": sorted(known)}, modes]}
     whole = {
         **_group(
             {

@@ -14,19 +14,22 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
-from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
+from bow_sim.physics.applicability import check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
+from bow_sim.physics.kinds import is_kind
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
-from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, in_full, split
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, in_full, kinds_of_cells, split
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
-from bow_sweep.plan.axes import AxisError, AxisSettings, axes, check_two, made
+from bow_sweep.plan.axes import AxisError, AxisSettings, axes, check_axes_of_models, check_two, made
 from bow_sweep.plan.presets import load_preset
 from bow_sweep.plan.remedies import would_do
 
@@ -83,6 +86,8 @@ class Sweep:
         Largest share of the cells to simulate; 1 = all cells, planned at once.
     repeats
         How the cells are repeated.
+    record
+        Which streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     parameters: Parameters
@@ -93,6 +98,7 @@ class Sweep:
     preset: str = ""
     adaptive: float = 1.0
     repeats: Repeats = NO_REPEATS
+    record: str = DEFAULT
 
     @classmethod
     def from_spec(cls, preset: str = "", settings: Iterable[str] = ()) -> Sweep:
@@ -129,20 +135,26 @@ class Sweep:
         parameters = replace(spec, plain=common).parameters()
         try:
             check_two(*named)
-            check_axes(parameters, [axis.name for axis in named])
+            check_axes_of_models(parameters, *named)
             x, y = made(*named, parameters)
             check_plane(parameters, x, y)
             check_strings(parameters, x, y)
         except ParameterError as error:
             raise AxisError(str(error), named[0].name, named[1].name) from None
         adaptive, repeats = spec.share("adaptive", cls.adaptive), Repeats.of(spec)
+        if repeats.count and (kind := next((axis for axis in named if is_kind(axis.name)), None)):
+            raise ParameterError(
+                f"repeats = {repeats.count}: cannot be beside {kind.key}.name = {kind.name!r}; make a map for each "
+                f"value, as by bow study --over {kind.name}=..."
+            )
         repeats.check(parameters, x, y)
         if spec.block_cells is None:
             block_cells = default_block_cells(repeats.cells(x.count * y.count), adaptive, parameters.chunk_samples)
         else:
             block_cells = spec.number("", "block_cells")
         check_size(x.count, y.count, block_cells, parameters, repeats.count)
-        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats)
+        record = record_of(spec.record)
+        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats, record)
 
     def settings(self) -> tuple[str, ...]:
         """Return every setting as "name=value", sorted; :meth:`from_spec` makes the same sweep of them."""
@@ -150,6 +162,8 @@ class Sweep:
         own["block_cells"] = self.block_cells
         if self.adaptive < 1:
             own["adaptive"] = self.adaptive
+        if self.record != DEFAULT:
+            own["record"] = self.record
         own |= self.repeats.settings()
         units = {f"{name}={getattr(self.parameters, name)!r}" for name in UNITS if getattr(self.parameters, name)}
         swept = (self.x.name + "=", self.y.name + "=")
@@ -166,9 +180,10 @@ class Sweep:
     def sweep_id(self) -> str:
         """Hash of the settings (dtype included) and the kernel's source, 16 hexadecimal digits.
 
-        The thresholds are left out: they do not change the waveforms, which can be classified again.
+        The thresholds and what is recorded are left out: they do not change the waveforms, which can be classified
+        again.
         """
-        physics = [line for line in self.settings() if not line.startswith("classifier.")]
+        physics = [line for line in self.settings() if not line.startswith(("classifier.", "record="))]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
 
     @property
@@ -195,8 +210,14 @@ class Sweep:
     def first_blocks(self) -> Blocks:
         """The blocks that are planned at the start: all, or the first round of an adaptive sweep."""
         if self.adaptive == 1:
-            return Blocks(self.cells, self.block_cells)
-        return Blocks(self.cells, self.block_cells, [first_round((self.y.count, self.x.count), self.budget)])
+            return Blocks(self.cells, self.block_cells, kinds=self.kinds)
+        first = first_round((self.y.count, self.x.count), self.budget)
+        return Blocks(self.cells, self.block_cells, [first], self.kinds)
+
+    @cached_property
+    def kinds(self) -> NDArray[np.int64] | None:
+        """The kind of every cell, (cells,): a block has cells of one kind. None where all are of one."""
+        return kinds_of_cells(self.x, self.y, self.cells)
 
     def more_blocks(self, blocks: Blocks, transient_periods: np.ndarray) -> Blocks | None:
         """Return `blocks` and those of the next round; None where nothing more is to be simulated.
@@ -221,6 +242,11 @@ class Sweep:
     def chunks(self) -> int:
         """Number of chunks, and so of tests, of every block."""
         return self.parameters.chunks
+
+    @property
+    def recorded_chunks(self) -> range:
+        """The chunks of every block whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
 
     def block(self, block: int) -> np.ndarray:
         """Return the cells of a block planned at the start, (cells of the block,) uint32.

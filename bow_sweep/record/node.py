@@ -277,6 +277,8 @@ class RecorderNode(BowNode):
         self._outbox.send([message] if message else ())
         self._count(session)
         how_much = f"{session.messages} messages, {session.bytes / 1e6:.0f} MB in {session.bag.path.parent}"
+        if session.passed:
+            how_much += f"; {session.passed} of the streams are not recorded (record={session.expected.record})"
         self.get_logger().info(f"run {run} closes, {why}: {how_much}")
         self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 

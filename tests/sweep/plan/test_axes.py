@@ -25,6 +25,7 @@ from bow_sweep.plan.sweep import Sweep
 
 NAMES = sorted(SWEEPABLE | SI.keys() | {f"body_1_{kind}" for kind in body.KINDS})
 RUN = "0123456789abcdef"
+MODELS = ("raman", "delta_cremer", "stiff_cremer")
 
 
 def planned(preset: str, *lines: str) -> Sweep:
@@ -33,7 +34,7 @@ def planned(preset: str, *lines: str) -> Sweep:
     for base in ("", preset):
         again = Sweep.from_spec(base, sweep.settings())
         assert (again.settings(), again.sweep_id) == (sweep.settings(), sweep.sweep_id)
-    found = outline(RUN, sweep.sweep_id, sweep.settings())
+    found = outline(RUN, sweep.sweep_id, sweep.settings(), sweep.first_blocks.announce())
     assert (found.x, found.y) == (sweep.x, sweep.y)
     own = tuple(f"{name}=" for name in (sweep.x.name, sweep.y.name))
     for one, other in zip(found.parameters.settings(), sweep.parameters.settings(), strict=True):
@@ -43,7 +44,7 @@ def planned(preset: str, *lines: str) -> Sweep:
 
 def try_pair(preset: str, x: str, y: str) -> str:
     """Plan two parameters as a plane by their names alone; with the settings that a refusal names, if it names some."""
-    lines = [f"x={x}", f"y={y}", "x.count=3", "y.count=2"]
+    lines = [f"x={x}", f"y={y}", "x.count=2", "y.count=2"]
     try:
         planned(preset, *lines)
     except ParameterError as error:
@@ -68,7 +69,7 @@ def test_every_number_has_a_usual_axis() -> None:
         assert entry.scale == "linear" or entry.first > 0, name
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(preset=st.sampled_from(["fig11d", "schelleng", "guettler_cello", "playability"]), pair=st.data())
 def test_two_parameters_make_a_plane_or_a_refusal_that_says_what_would_do(preset: str, pair: st.DataObject) -> None:
     x, y = pair.draw(st.sampled_from(NAMES)), pair.draw(st.sampled_from(NAMES))
@@ -139,7 +140,14 @@ def test_given_values_reach_the_cells_with_all_their_bits() -> None:
         (["x=force"], "y.name = 'f_asym': gives f_asym, as x.name = 'force' does"),
         (["x=period"], "chunks of the same length"),
         (["x=periods"], "bow study --over periods=50,100"),
-        (["x=model"], "bow study --over model="),
+        (["x=gesture"], "it is no number; make a map for each, as by bow study --over gesture=exponential,martele"),
+        (["x=string"], "bow study --over string=violin_g,violin_d"),
+        (["x=seed"], "it says how a map is computed, not what of; make a map for each"),
+        (["x=classifier.slop"], "classifier.slop = nan: unknown threshold; there is slip"),
+        (["x=classifier.slip", "x.last=2"], "x.name = 'classifier.slip': classifier.slip = 2.0: must be a number"),
+        (["x=model", "x.values=[raman,erard]"], "model = 'erard': should be one of friedlander, raman"),
+        (["x=model", "y=corner_width", "x.values=[raman]"], "'corner_width': has no effect here; it needs model="),
+        (["x=model", "repeats=2"], "repeats = 2: cannot be beside x.name = 'model'; make a map for each value"),
         (["x=stifness_b"], "there is no such parameter; did you mean stiffness_b?"),
         (["x=corner_width", "y=nut_gain"], "no cell has both; make a map for each"),
         (["x=tau_f", "y=mu_s"], "with the settings f_init_ratio=0.5 it can be computed"),
@@ -178,6 +186,46 @@ def test_a_later_layer_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None
     assert written["x"]["values"] == [0.1, 0.2, 0.3]
     jsonschema.validate(written, schema())
     assert planned("", *choose(str(tmp_path / "saved.yaml")).settings).x.given == (0.1, 0.2, 0.3)
+
+
+def test_models_stand_in_the_order_of_the_hierarchy_and_a_setting_of_one_of_them_is_enough() -> None:
+    assert planned("fig11d", "x=model").x.count == 6
+    sweep = planned("fig11d", "x=model", "x.values=[stiff_cremer, raman]", "y=stiffness_b", "y.count=2")
+    assert sweep.x.values().tolist() == [1, 5]
+    assert "x.values=[raman, stiff_cremer]" in sweep.settings()
+    assert [sweep.block(number).tolist() for number in range(sweep.blocks)] == [[0, 2], [1, 3]]
+
+
+KINDS = [("y=classifier.slip",), ("x=model", "y=classifier.corner", "y.count=5"), ("x=model", "adaptive=0.6")]
+
+
+@pytest.mark.parametrize("lines", KINDS)
+def test_a_block_has_cells_of_one_kind(lines: tuple[str, ...]) -> None:
+    sweep = planned("fig11d", "y.count=7", "block_cells=4", *lines)
+    blocks = sweep.first_blocks
+    cells = [blocks.block(number) for number in range(blocks.count)]
+    for each in cells:
+        assert 1 <= len(each) <= 4
+        assert (np.diff(each.astype(int)) > 0).all()
+        for name, values in sweep.lanes(each).items():
+            assert len(np.unique(values)) == 1 or name not in ("model", "classifier.slip", "classifier.corner")
+    np.testing.assert_array_equal(np.sort(np.concatenate(cells)), np.flatnonzero(blocks.planned))
+    announced = outline(RUN, sweep.sweep_id, sweep.settings(), blocks.announce())
+    assert [announced.block(number).tolist() for number in range(announced.blocks)] == [each.tolist() for each in cells]
+
+
+@pytest.mark.full
+def test_a_cell_of_a_map_of_models_or_thresholds_is_that_of_a_map_of_one() -> None:
+    size, values = ("x.count=5", "periods=40"), (0.02, 0.1, 0.5)
+    maps = {
+        "classifier.slip": (compute(planned("fig11d", "y=classifier.slip", f"y.values={list(values)}", *size)), values),
+        "model": (compute(planned("fig11d", "y=model", f"y.values={','.join(MODELS)}", *size)), MODELS),
+    }
+    for name, (found, each) in maps.items():
+        for row, value in enumerate(each):
+            one = compute(planned("fig11d", f"{name}={value}", "y.values=[1]", *size))
+            for layer, alone in one.layers.items():
+                np.testing.assert_array_equal(found.layers[layer][:, 5 * row : 5 * row + 5], alone, f"{name}: {layer}")
 
 
 def test_what_gives_si_units_can_be_an_axis_beside_what_needs_them() -> None:
