@@ -241,13 +241,17 @@ class Graph:
             self._wait_for_turn(turn, check, progress)
             directory.mkdir(parents=True, exist_ok=True)
             write_place(self.folder / PLACES, identity, place)
-            goal, feedback = self._send(sweep, identity, check, progress)
-            remove_places(self.folder / PLACES, but=identity)  # runs of killed clients are over
-            try:
-                result = self._wait(goal, identity, feedback, check, progress, patience_s)
-            except (KeyboardInterrupt, GraphError):
-                self._cancel(goal)
-                raise
+            while True:
+                goal, feedback = self._send(sweep, identity, check)
+                try:
+                    result = self._wait(goal, identity, feedback, check, progress, patience_s)
+                except (KeyboardInterrupt, GraphError):
+                    self._cancel(goal)
+                    raise
+                if ONE_AT_A_TIME not in result.message:
+                    break
+                self._pause(check, progress)
+            remove_places(self.folder / PLACES)  # this run is over, and so are those of clients that were killed
         if not result.run_id:
             raise GraphError(f"the graph refuses the run: {result.message}")
         return Finished(
@@ -278,44 +282,34 @@ class Graph:
 
     # ---- a goal
 
-    def _send(
-        self, sweep: Sweep, identity: str, check: Callable[[], None], progress: Callable[[Progress | None, str], None]
-    ) -> tuple[Any, list[Any]]:
-        """Send a goal until it is taken; return its handle, and a list of which the last item is its latest feedback.
-
-        It is refused while the run of an earlier client goes on that was killed: that one comes first.
-        """
+    def _send(self, sweep: Sweep, identity: str, check: Callable[[], None]) -> tuple[tuple[Any, Any], list[Any]]:
+        """Send a goal; return its handle and its result to come, and a list of which the last item is its feedback."""
         from bow_msgs.msg import SweepSpec
         from unique_identifier_msgs.msg import UUID
 
-        spec = SweepSpec(preset=sweep.preset, settings=list(sweep.settings()))
-        goal = self._type.Goal(spec=spec)
         self._until(self._action.server_is_ready, check, "no coordinator is found")
-        while True:
-            feedback: list[Any] = []
-            key = UUID(uuid=list(bytes.fromhex(identity) + uuid.uuid4().bytes[:8]))
+        goal = self._type.Goal(spec=SweepSpec(preset=sweep.preset, settings=list(sweep.settings())))
+        feedback: list[Any] = []
 
-            def keep(message: Any, last: list[Any] = feedback) -> None:
-                last[:] = [message.feedback]
+        def keep(message: Any) -> None:
+            feedback[:] = [message.feedback]
 
-            sent = self._action.send_goal_async(goal, feedback_callback=keep, goal_uuid=key)
-            self._until(sent.done, check, "the coordinator does not answer")
-            handle = sent.result()
-            assert handle is not None
-            if not handle.accepted:
-                raise GraphError("the coordinator rejects the goal; is it of another version of bow?")
-            answer = handle.get_result_async()
-            began = time.monotonic()
-            while not answer.done() and not feedback and time.monotonic() - began < LOOK_S:
-                self.spin()
-            if not answer.done() or ONE_AT_A_TIME not in answer.result().result.message:
-                return (handle, answer), feedback
-            until = time.monotonic() + AGAIN_S
-            while time.monotonic() < until:
-                check()
-                progress(None, "for a run that goes on without its client")
-                self.spin()
-            self._check_alive()
+        key = UUID(uuid=list(bytes.fromhex(identity) + uuid.uuid4().bytes[:8]))
+        sent = self._action.send_goal_async(goal, feedback_callback=keep, goal_uuid=key)
+        self._until(sent.done, check, "the coordinator does not answer")
+        handle = sent.result()
+        if handle is None or not handle.accepted:
+            raise GraphError("the coordinator rejects the goal; is it of another version of bow?")
+        return (handle, handle.get_result_async()), feedback
+
+    def _pause(self, check: Callable[[], None], progress: Callable[[Progress | None, str], None]) -> None:
+        """Wait a moment, because a run is in progress whose client was killed."""
+        until = time.monotonic() + AGAIN_S
+        while time.monotonic() < until:
+            check()
+            progress(None, "for a run that goes on without its client")
+            self.spin()
+        self._check_alive()
 
     def _until(self, done: Callable[[], bool], check: Callable[[], None], why: str) -> None:
         """Wait until something is done.

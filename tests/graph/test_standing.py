@@ -14,7 +14,7 @@ import psutil
 import pytest
 from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, run_sweep, sweeping, verified
 
-from bow_sim.graph.shm_files import files_of
+from bow_sim.graph.shm_files import files_of, is_port
 from bow_sweep.standing.state import FILE, default_folder, read_state
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.full]
@@ -49,8 +49,9 @@ def nodes(pid: int, role: str = "") -> list[psutil.Process]:
 
 
 def shared_memory(pid: int) -> set[str]:
-    """Return the files that a graph has in shared memory."""
-    return set[str]().union(*(files_of(process) for process in (pid, *(node.pid for node in nodes(pid)))))
+    """Return the files that a graph has in shared memory, but for ports: other processes may use them afterwards."""
+    files = set[str]().union(*(files_of(process) for process in (pid, *(node.pid for node in nodes(pid)))))
+    return {file for file in files if not is_port(file)}
 
 
 def wait_until(what: Callable[[], bool], why: str) -> None:
