@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -66,6 +67,11 @@ def sweep(
     ParameterError
         For a sweep that cannot be computed; names the setting, its value and what would be right. It is a ValueError.
 
+    Warns
+    -----
+    UserWarning
+        Of what is allowed, but perhaps not meant: the notes of `bow sweep`.
+
     Examples
     --------
     >>> import bow
@@ -77,6 +83,8 @@ def sweep(
     'bridge_r'
     """
     plan = planned(preset, nx=nx, ny=ny, x=x, y=y, settings=settings, parameters=parameters)
+    for note in plan.notes:
+        warnings.warn(note, stacklevel=2)
     return computed(plan, workers, progress)
 
 
