@@ -141,7 +141,7 @@ def test_a_kernel_with_other_bits_is_named_and_proves_nothing(runs: dict[str, Pa
             values = cdr.decode("BridgeForce", force)
             yield cdr.encode("BridgeForce", {**values, "data": values["data"] * np.float32(1 + 2**-20)}), slip
 
-    result = verify(runs["verdicts"], again=Again(Kernel("another", other), float("inf")))
+    result = verify(runs["verdicts"], again=Again(Kernel(lambda _: "another", other), float("inf")))
     assert not result["ok"]
     assert all("so nothing is proved here" in p["what"] and "here is another" in p["what"] for p in result["problems"])
     assert [p["chunk"] for p in result["problems"]] == [0, 0, 0]
