@@ -13,8 +13,9 @@ pictures     maps as a picture for a paper
 plots        several maps, or runs, as a picture
 shown        pictures and sounds that a notebook shows
 comparison   several maps compared
+studies      a family of maps over further parameters
 recordings   a measured bridge force judged
-force_slips  the slips of a string, from its bridge force alone
+recorded     recordings of a bridge force in files
 optional     libraries that not every installation has
 
 Public names, imported when they are first used:
@@ -27,11 +28,13 @@ Map          a map: what a sweep found
 Measured     a measure of a map, with its uncertainty
 Picture      a picture; a notebook shows it
 Sound        a sound; a notebook plays it
+Study        a family of maps over further parameters
 classify     judges a measured bridge force
 compare      compares maps
 graph        a ROS graph, to run sweeps in
-open         opens a recorded run
+open         opens a recorded run or study
 plot         a picture of several maps
+study        computes a family of maps in a ROS graph
 sweep        computes a map in this process
 """
 
@@ -46,12 +49,14 @@ if TYPE_CHECKING:
     from bow.graphs import Graph as Graph
     from bow.graphs import graph as graph
     from bow.maps import Map as Map
-    from bow.maps import open_run as open
     from bow.plots import plot as plot
     from bow.recordings import Judged as Judged
     from bow.recordings import classify as classify
     from bow.shown import Picture as Picture
     from bow.shown import Sound as Sound
+    from bow.studies import Study as Study
+    from bow.studies import open_any as open
+    from bow.studies import study as study
     from bow.sweeps import sweep as sweep
 
 _PLACES = {
@@ -63,11 +68,13 @@ _PLACES = {
     "Measured": "bow.found:Measured",
     "Picture": "bow.shown:Picture",
     "Sound": "bow.shown:Sound",
+    "Study": "bow.studies:Study",
     "classify": "bow.recordings:classify",
     "compare": "bow.comparison:compare",
     "graph": "bow.graphs:graph",
-    "open": "bow.maps:open_run",
+    "open": "bow.studies:open_any",
     "plot": "bow.plots:plot",
+    "study": "bow.studies:study",
     "sweep": "bow.sweeps:sweep",
 }
 
@@ -80,11 +87,13 @@ __all__ = [
     "Measured",
     "Picture",
     "Sound",
+    "Study",
     "classify",
     "compare",
     "graph",
     "open",
     "plot",
+    "study",
     "sweep",
 ]
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics.kinds import MODEL, model_name
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.cell import analysis
 from bow_sweep.cell.analysis import Harmonics, Spectrum
@@ -49,7 +50,7 @@ class Cell:
         self.record = record
 
     def __repr__(self) -> str:
-        where = ", ".join(f"{name} {value:.3g}" for name, value in self.at.items())
+        where = self.record.place(form=".3g")
         length = self.transient_periods
         came = f"Helmholtz motion after {length:g} periods" if length > 0 else "never Helmholtz motion"
         return f"<bow.Cell {self.index}: {where}; {self.regime}, {came}; {self.source}>"
@@ -62,9 +63,10 @@ class Cell:
         return self.record.cell
 
     @property
-    def at(self) -> dict[str, float]:
-        """The values of the map's two parameters."""
-        return {self.record.x_name: self.record.x, self.record.y_name: self.record.y}
+    def at(self) -> dict[str, Any]:
+        """The values of the map's two parameters; a model by its name."""
+        both = ((self.record.x_name, self.record.x), (self.record.y_name, self.record.y))
+        return {name: model_name(value) if name == MODEL else value for name, value in both}
 
     @property
     def parameters(self) -> Parameters:

@@ -11,6 +11,7 @@ import numpy as np
 
 from bow.found import Found
 from bow.optional import library
+from bow_sim.physics.kinds import labels
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.cell_record import CellRecord
 from bow_sweep.maps.held_fixed import subject, unit_of
@@ -69,7 +70,9 @@ def dataset(of: Found) -> xarray.Dataset:
         dimensions = plane if values.ndim == 2 else (TEST, *plane)
         variables[name] = (dimensions, values, attributes)
     named = zip((x_name, y_name), found.axes, strict=True)
-    coordinates: dict[str, Any] = {name: (name, axis.values, _axis_attributes(axis, found)) for name, axis in named}
+    coordinates: dict[str, Any] = {
+        name: (name, labels(axis.name, axis.values), _axis_attributes(axis, found)) for name, axis in named
+    }
     about = {"long_name": "time of the test", "units": "periods"}
     coordinates[TEST] = (TEST, np.asarray(found.test_periods, np.int64), about)
     return xr.Dataset(variables, coordinates, _attributes(of))
@@ -94,7 +97,7 @@ def _flags(names: tuple[str, ...], rest: str) -> dict[str, Any]:
 
 
 def _axis_attributes(axis: Any, found: MapFile) -> dict[str, Any]:
-    title = axis.title(mathematics=False, settings=found.settings).partition("  ")[0]
+    title = axis.title(found.settings).partition("  ")[0]
     return {"long_name": title, "units": unit_of(axis.name) or "1", "scale": axis.scale}
 
 
@@ -116,9 +119,9 @@ def _attributes(of: Found) -> dict[str, Any]:
 def _made_with(of: Found) -> dict[str, Any]:
     """Return the identity of kernel and classifier that made a map."""
     if of.directory is None:
-        from bow_sim.kernel.fingerprint import fingerprint
+        from bow_sweep.plan.sweep import Sweep
 
-        return {"kernel": fingerprint()} if not of.file.run_id else {}
+        return {"kernel": Sweep.from_spec("", of.file.settings).fingerprint} if not of.file.run_id else {}
     try:
         report = json.loads((of.directory / "report.json").read_text())
         if report["run_id"] != of.file.run_id:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bow.found import Found
+from bow_sim.physics.kinds import value_text
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cell.waveform import CellError
 from bow_sweep.maps.map_file import MAP, MapFile, read_map_npz, write_map_npz
@@ -60,7 +61,8 @@ class Map(Found):
         from bow_sweep.maps.held_fixed import subject
 
         ny, nx = self.shape
-        spans = ", ".join(f"{axis.name} {axis.values[0]:g} ... {axis.values[-1]:g}" for axis in self.axes)
+        ends = [(axis.name, axis.values[0], axis.values[-1]) for axis in self.axes]
+        spans = ", ".join(f"{name} {value_text(name, a, 'g')} ... {value_text(name, b, 'g')}" for name, a, b in ends)
         about = f"{nx} x {ny} cells: {spans}; {subject(self.file)}, {self.file.periods:g} periods"
         return f"<bow.Map {about}{f'; {self.directory}' if self.directory else ''}>"
 
@@ -106,7 +108,9 @@ class Map(Found):
         from bow.cells import Cell
 
         if (index is None) == (not at):
-            example = ", ".join(f"{axis.name}={axis.values[axis.count // 2]:.3g}" for axis in self.axes)
+            example = ", ".join(
+                f"{axis.name}={value_text(axis.name, axis.values[axis.count // 2], '.3g')}" for axis in self.axes
+            )
             raise CellError(f"give the number of a cell or values of both axes, for instance m.cell({example})")
         number = self.cells.nearest(at) if index is None else int(index)
         return Cell(self.cells.record(number, source))

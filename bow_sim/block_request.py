@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block, ChunkResult
+from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.kinds import common, value_text
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
-from bow_sim.protocol.sweep_spec import split
+from bow_sim.protocol.sweep_spec import Axis, split
 
 
 @dataclass(eq=False)
@@ -52,6 +55,19 @@ class BlockRequest:
         return recorded_chunks(self.record, self.chunks)
 
 
+@functools.lru_cache(maxsize=8)
+def fingerprint_of(settings: tuple[str, ...]) -> str:
+    """Return what this machine computes for a sweep (:func:`bow_sim.kernel.fingerprint.fingerprint`).
+
+    Raises
+    ------
+    ParameterError
+        If the settings describe no sweep.
+    """
+    spec = split(settings)
+    return fingerprint(spec.parameters(), Axis.of("x", spec.x), Axis.of("y", spec.y))
+
+
 def prepare(message: Mapping[str, Any]) -> BlockRequest:
     """Return the request for a decoded Block message, after checking everything in it.
 
@@ -72,8 +88,8 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
     if cells.max() >= planned or len(np.unique(cells)) != len(cells):
         raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
     lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
-    block = Block(parameters, repeats.vary(parameters, lanes, cells, plane_cells))
-    return BlockRequest(message, block, record_of(spec.record))
+    own = common(parameters, repeats.vary(parameters, lanes, cells, plane_cells))
+    return BlockRequest(message, Block(own.parameters, own.lanes), record_of(spec.record))
 
 
 def encode_chunk(
@@ -118,7 +134,10 @@ def encode_chunk(
 def _inspected_cell(request: BlockRequest, values: Mapping[str, Any], row: int, force: NDArray[np.float32]) -> bytes:
     """Return the InspectedCell of the cell in a row of the block; `values` has the chunk's identity and samples."""
     spec, parameters = split(request.message["spec.settings"]), request.block.parameters
-    places = [f"{getattr(spec, axis).get('name')} = {request.message[axis][row]:.4g}" for axis in ("x", "y")]
+    names = [str(getattr(spec, axis).get("name")) for axis in ("x", "y")]
+    places = [
+        f"{name} = {value_text(name, request.message[axis][row])}" for axis, name in zip("xy", names, strict=True)
+    ]
     periods = (values["first_sample"] + np.arange(values["samples"])) / parameters.period
     own = {"cell": values["cells"][row], "name": ", ".join(places), "sample_rate": parameters.sample_rate}
     return cdr.encode("InspectedCell", {**values, **own, "periods": periods, "bridge_force": force})

@@ -1,6 +1,7 @@
 """Studies: what is measured once and written into docs/. What measures speed is in `bench`.
 
 verdicts        how good the verdicts are (docs/verdicts.md); verdicts_page writes it
+wolves          how many wolves are found, and how often a wolf is one (docs/verdicts.md)
 labels          cells to be labelled by eye, for the study of verdicts
 calibration     how what the paper leaves open changes its maps (docs/calibration.md)
 terrain         terrain and playability of the six maps of Fig 11 (docs/terrain.md); terrain_maps computes them

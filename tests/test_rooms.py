@@ -20,6 +20,7 @@ IMPURE = {
     "bow_sim.graph.node_process": {"rclpy", "bow_msgs"},
     "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
+    "bow_classifier.measured_node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.cell_chooser": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
@@ -54,6 +55,7 @@ IMPURE = {
     "bow_sweep.view.map_layers": {"rerun"},
     "bow_sweep.view.rerun_recording": {"rerun"},
     "bow_sweep.view.live_run": {"rerun"},
+    "bow_sweep.view.measured_view": {"rerun"},
 }
 """Modules that may know a framework, and which; every other module is pure, through whatever it imports."""
 
@@ -63,16 +65,27 @@ def loaded() -> dict[str, set[str]]:
     """Which frameworks each module brings into a fresh interpreter."""
     program = (
         "import importlib, os, sys\n"
-        "import matplotlib.backends.backend_agg, numba, scipy.ndimage, scipy.optimize, scipy.signal\n"
+        "import matplotlib.backends.backend_agg, matplotlib.pyplot, mpl_toolkits.axes_grid1\n"
+        "import numba, scipy.ndimage, scipy.optimize, scipy.signal\n"
+        "import asyncio, concurrent.futures.process, jinja2, rich.progress, tornado.web, tornado.websocket, xxhash\n"
         f"assert not set(sys.modules) & {FRAMEWORKS!r}, 'these are slow to import and bring none of them'\n"
-        "for name in sys.argv[1:]:\n"
+        "def start(name):\n"
         "    read, write = os.pipe()\n"
         "    if not (child := os.fork()):\n"
         "        importlib.import_module(name)\n"
         f"        os.write(write, ' '.join(set(sys.modules) & {FRAMEWORKS!r}).encode())\n"
         "        os._exit(0)\n"
         "    os.close(write)\n"
+        "    return name, child, read\n"
+        "def end(name, child, read):\n"
         "    print(name, os.waitpid(child, 0)[1], os.read(read, 999).decode())\n"
+        "running = []\n"
+        "for name in sys.argv[1:]:\n"
+        "    if len(running) == os.cpu_count():\n"
+        "        end(*running.pop(0))\n"
+        "    running.append(start(name))\n"
+        "for each in running:\n"
+        "    end(*each)\n"
     )
     output = subprocess.run(
         [sys.executable, "-c", program, *modules()], capture_output=True, text=True, check=True, cwd=ROOT

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd import lanes
-from bow_sim.simd.jit import njit
+from bow_sim.simd import elementary, lanes
+from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
@@ -42,18 +42,18 @@ class Workspace(NamedTuple):
     x: Any
 
 
-@njit(nogil=True, error_model="numpy")
+@part(nogil=True, error_model="numpy")
 def ripple_workspace(samples):
     """Return the workspace for records of `samples`."""
     return Workspace(np.empty((2, LANES)), np.empty(LANES), np.empty(samples))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _powers(x, n, first, turn, power):
     """Write the power of eight harmonics of the n samples of x, from number `first` on, to power."""
     for k in range(LANES):
         angle = 2.0 * math.pi * (first + k) / n
-        turn[0, k], turn[1, k] = math.cos(angle), math.sin(angle)
+        turn[0, k], turn[1, k] = elementary.turn(angle)
     c, s = load(turn, 0), load(turn, LANES)
     u, v = spread(1.0), spread(0.0)
     a, b = spread(0.0), spread(0.0)
@@ -63,7 +63,7 @@ def _powers(x, n, first, turn, power):
     store(power, 0, a * a + b * b)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def ripple_share(row, period, delay, workspace):
     """Return how strong the lines of the ripples are in the last period of the bridge force.
 

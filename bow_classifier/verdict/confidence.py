@@ -8,12 +8,11 @@ No coefficient of a margin is negative: the confidence never falls with the dist
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd.jit import njit
+from bow_sim.simd.elementary import exp, log
+from bow_sim.simd.jit import part
 
 MARGINS = ("constant", "correlation", "slips", "corners", "slips whole", "corners whole", "loudness")
 """What the columns of `COEFFICIENTS` multiply:
@@ -46,19 +45,19 @@ _FAR = 3.0
 _SMALL = 1e-3
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _whole(number):
     """Return how near a number is to a whole one: 1 for a whole one, 0 half way between two."""
     return 1.0 - 2.0 * abs(number - round(number))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _log_ratio(a, b):
     """Return the logarithm of the ratio of two amounts without its sign, at most `_FAR`."""
-    return min(_FAR, abs(math.log((a + _SMALL) / (b + _SMALL))))
+    return min(_FAR, abs(log((a + _SMALL) / (b + _SMALL))))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def margins(i, features, per_period, limits, out):
     """Write the margins of cell i to `out`.
 
@@ -84,10 +83,10 @@ def margins(i, features, per_period, limits, out):
     out[6] = _log_ratio(features.loudness[i], limits.silence)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def probability(coefficients, row):
     """Return the logistic function of the weighted margins, 0 ... 1; both arguments are (margins,)."""
     total = 0.0
     for k in range(row.shape[0]):
         total += coefficients[k] * row[k]
-    return 1.0 / (1.0 + math.exp(-total))
+    return 1.0 / (1.0 + exp(-total))

@@ -20,9 +20,10 @@ from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
+from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
-from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, kinds_of_cells, split
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
 
@@ -91,7 +92,7 @@ class SweepOutline:
         x, y = Axis.of("x", spec.x), Axis.of("y", spec.y)
         check_plane(parameters, x, y)
         repeats.check(parameters, x, y)
-        adaptive = spec.share("adaptive", 1.0)
+        adaptive, cells = spec.share("adaptive", 1.0), repeats.cells(x.count * y.count)
         if (adaptive < 1) != bool(len(rounds)):
             raise ParameterError(f"Plan.rounds has {len(rounds)} values, at adaptive = {adaptive:g}")
         return cls(
@@ -104,7 +105,7 @@ class SweepOutline:
             x=x,
             y=y,
             threshold_settings=spec.classifier,
-            planned=Blocks.announced(repeats.cells(x.count * y.count), block_cells, rounds),
+            planned=Blocks.announced(cells, block_cells, rounds, kinds_of_cells(x, y, cells)),
             adaptive=adaptive,
             repeats=repeats,
             record=record_of(spec.record),
@@ -121,10 +122,22 @@ class SweepOutline:
         known = self.planned
         if np.array_equal(rounds, known.announce()):
             return self
-        planned = Blocks.announced(known.cells, known.block_cells, rounds)
+        planned = Blocks.announced(known.cells, known.block_cells, rounds, known.kinds)
         if not planned.extends(known):
             raise ParameterError(f"Plan.rounds: its {planned.count} blocks do not contain the {known.count} known ones")
         return replace(self, planned=planned)
+
+    def followed(self, plan: Mapping[str, Any]) -> SweepOutline:
+        """Return the outline that a later plan of this run gives: with more rounds, or the length of what was measured.
+
+        Raises
+        ------
+        ParameterError
+            As :meth:`grown`, or where the plan of a measured string cannot be.
+        """
+        if is_measured(plan) and tuple(plan["spec.settings"]) != self.settings:
+            return SweepOutline.of(plan)
+        return self.grown(plan["rounds"])
 
     @property
     def shape(self) -> tuple[int, int]:

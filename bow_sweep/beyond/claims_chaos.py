@@ -5,9 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from bow_sim.kernel.block import Block
 from bow_sim.kernel.tangent import follow, slope
 from bow_sim.physics.friction import sliding_coefficient
+from bow_sim.physics.gesture import force_and_speed
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import ends
 from bow_sweep.beyond.claim import Claims, Finding, Maps, Point
@@ -162,6 +165,84 @@ def _exponent_sliding(maps: Maps) -> Finding:
         axes.legend()
 
     return Finding(", ".join(f"{value:+.4f}" for value in found.values()), points, draw)
+
+
+APART = 1e-7
+"""Relative difference of the bow forces of two motions that are compared with the linearised one."""
+
+ALIKE = 20
+"""Periods over which they are compared."""
+
+LINEARISED = {
+    "delta, v_mid 0.2, f 4": {"model": "delta_cremer", "v_mid": 0.2, "f_asym": 4.0},
+    "stiff, -2, f 3, two modes": {
+        "model": "stiff_cremer",
+        "v_mid": -2.0,
+        "f_asym": 3.0,
+        "f_init_ratio": 0.5,
+        "body_modes": "430/30/k0.01, 900/20/k0.02",
+    },
+}
+
+
+def _linearised(p: Parameters) -> tuple[NDArray[Any], NDArray[Any], bool]:
+    """Return the derivative of the bridge force over the logarithm of bow force: of two motions, and linearised.
+
+    Under the bow a change of force df_b adds ``(mu_d s + mu_s a)/(2 s + a + A - |D|) df_b`` to friction where the
+    string slips; the rest is the linearised motion of PHYSICS.md section 15.
+
+    Returns
+    -------
+    real, linear : ndarray, shape (samples,)
+    decided : bool
+        Whether the two motions stick and slip alike.
+    """
+    block = Block(p, {"f_asym": p.f_asym * np.array([1.0, 1 + APART, 1 - APART])}, trace=True)
+    y, a = float(block.admittance[0]), p.v_b - p.v_mid
+    parts = []
+    for _ in range(p.chunks):
+        block.advance()
+        assert block.traces is not None
+        parts.append(block.traces[:, :, :3].copy())
+    trace = dict(zip(block.trace_names, np.concatenate(parts, axis=1), strict=True))
+    f_b, v_b = force_and_speed(p, 0, p.samples)
+    s, d, slips = v_b - trace["v"][:, 0], v_b - trace["v_h"][:, 0], trace["slipping"] != 0
+    slopes = slope(a, y * p.mu_d, s, d, f_b, slips[:, 0])
+    size = np.abs(s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.sign(s) * (p.mu_d * size + p.mu_s * a) / (2 * size + a + y * f_b * p.mu_d - np.abs(d))
+    kick = np.where(slips[:, 0], force * f_b, 0.0)
+    found = follow(ends(p), p.samples, slopes, kick)  # one period that is as long as the motion: nothing is rescaled
+    real = (trace["bridge_force"][:, 1] - trace["bridge_force"][:, 2]) / (2 * APART)
+    return real, found.force, bool((slips[:, 1] == slips[:, 0]).all() and (slips[:, 2] == slips[:, 0]).all())
+
+
+@claim(
+    "linearised",
+    "the linearised motion is that of two motions a little apart, as long as both stick and slip alike",
+    "PHYSICS.md 15",
+    "identity",
+    "the same within 1e-6 over 20 periods, for motions 1e-7 apart",
+    "1e-6 of the greatest difference, over 20 periods without a decision between; the bow forces are 1e-7 apart",
+)
+def _two_motions(maps: Maps) -> Finding:
+    points, off, shown = [], [], {}
+    for name, settings in LINEARISED.items():
+        real, linear, alike = _linearised(Parameters.from_mapping(settings | {"periods": ALIKE}))
+        off.append(float(np.abs(real - linear).max() / np.abs(real).max()))
+        points += [Point(f"{name}: difference", off[-1], 0.0, 1e-6), Point.true(f"{name}: no decision between", alike)]
+        shown[name] = real, linear
+    words = f"within {' and '.join(f'{x:.1e}' for x in off)} of the greatest difference"
+
+    def draw(axes: Any) -> None:
+        for (name, (real, linear)), colour in zip(shown.items(), (BLUE, ORANGE), strict=True):
+            periods = np.arange(len(real)) / Parameters().period
+            axes.plot(periods, real, color=colour, lw=3, alpha=0.3, label=f"{name}: two motions")
+            axes.plot(periods, linear, color=colour, lw=0.7, label="linearised")
+        axes.set(xlabel="periods", ylabel="change of bridge force / relative change of bow force")
+        axes.legend(loc="upper right", ncols=2, fontsize=7)
+
+    return Finding(words, tuple(points), draw)
 
 
 EXPONENTS = {

@@ -12,7 +12,7 @@ from bow_sim.physics.parameters import Parameters
 from bow_sweep.beyond.cells import compute
 from bow_sweep.beyond.claim import Claims, Finding, Maps, Point
 from bow_sweep.beyond.drawing import BLUE, MUTED, ORANGE, shade_map
-from bow_sweep.beyond.measures import right_edge, significant
+from bow_sweep.beyond.measures import right_edge
 from bow_sweep.maps.limits import guettler_bounds
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.plan.sweep import Sweep
@@ -65,7 +65,7 @@ class _Region:
         low, high = _bounds(p)
         self.a = np.concatenate([np.linspace(0.9, 1.1, 81) * low, np.linspace(1.1 * low, 1.1 * high, 241)[1:]])
         slips = compute(p, {"acceleration": self.a}).slips
-        self.perfect = np.array([_two_periods(slips.of(i), a, IDEAL_N) for i, a in enumerate(self.a)])
+        self.perfect = np.array([_two_periods(slips.of(i).start, IDEAL_N) for i in range(len(self.a))])
         good = self.a[self.perfect]
         self.begins = float(good[0] / low) if len(good) else np.nan
         self.reaches = float(good[-1] / high) if len(good) else np.nan
@@ -73,9 +73,9 @@ class _Region:
         self.inverse, self.low, self.high = inverse, low, high
 
 
-def _two_periods(slips: Any, acceleration: float, period: int) -> bool:
-    """Return whether the first two intervals between significant slips are one period, within 2 %."""
-    onsets = slips.start[significant(slips, period, acceleration)][:3]
+def _two_periods(onsets: NDArray[np.int64], period: int) -> bool:
+    """Return whether the first two intervals between slips are one period, within 2 %. Every slip counts."""
+    onsets = onsets[:3]
     return len(onsets) == 3 and bool(np.all(np.abs(np.diff(onsets) - period) <= 0.02 * period))
 
 
@@ -86,7 +86,8 @@ def _two_periods(slips: Any, acceleration: float, period: int) -> bool:
     "secondary",
     "region from a_low; never beyond 1.02 a_high; to a_high at 1/beta = 6, 0.91-0.88 of it at 8, 0.85-0.82 at 10, "
     "0.82-0.79 at 12",
-    "from a_low within 3 %; at most 1.02 a_high; 2 % of a_high at 1/beta = 6; the trial's ranges +- 0.01 at the others",
+    "from a_low within 3 %; at most 1.02 a_high; 2 % of a_high at 1/beta = 6, the trial's ranges +- 0.01 at the "
+    "others; every slip counts, however small",
 )
 def _guettler_ideal(maps: Maps) -> Finding:
     regions = [_Region(i, mu, gain) for i in INVERSE_BETAS for mu in FRICTIONS for gain in NUT_GAINS]

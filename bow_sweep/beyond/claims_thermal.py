@@ -29,8 +29,14 @@ STEADY = 30
 """Periods at the end in which temperature and period are measured."""
 
 
-def _violin() -> Parameters:
-    return Parameters.from_mapping({"string": "violin_a", "v_unit": 0.1, "friction": "thermal", "rosin": "rosin"})
+STIFFNESS = 5e-5
+"""Of the paper's string, which the trial's had too: with it the figures agree; docs/validation.md has the string's own.
+"""
+
+
+def _violin(**more: float) -> Parameters:
+    own = {"string": "violin_a", "v_unit": 0.1, "friction": "thermal", "rosin": "rosin"}
+    return Parameters.from_mapping(own | more)
 
 
 @claim(
@@ -42,7 +48,7 @@ def _violin() -> Parameters:
     "regimes as claimed; 1 K in the mean, 2 K in the swing, 0.002 N in the period",
 )
 def _thermal_violin(maps: Maps) -> Finding:
-    base = _violin()
+    base = _violin(stiffness_b=STIFFNESS)
     motion = compute(base, {"force": np.array(list(TRIAL))})
     regimes = dict(zip(TRIAL, motion.regime[-1].tolist(), strict=True))
     periods = dict(zip(TRIAL, motion.period[-6:].mean(axis=0) / base.period, strict=True))
@@ -84,8 +90,7 @@ def _thermal_violin(maps: Maps) -> Finding:
     "the verdict after 100 periods is multiple slip",
 )
 def _thermal_double_slip(maps: Maps) -> Finding:
-    p = _violin()
-    regimes = compute(p, {"force": LOW_FORCES}).regime
+    regimes = compute(_violin(stiffness_b=STIFFNESS), {"force": LOW_FORCES}).regime
     names = [REGIMES[code] for code in regimes[-1]]
     here = names[int(np.argmin(np.abs(LOW_FORCES - DOUBLE)))]
     doubles = LOW_FORCES[[name == "multiple_slip" for name in names]]

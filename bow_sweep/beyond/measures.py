@@ -5,11 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_classifier.verdict.thresholds import Thresholds
-from bow_sweep.beyond.cells import Slips
-
-SIGNIFICANT = Thresholds().slip
-"""Least integrated slip that counts, in v_b N: the threshold of the verdicts."""
+from bow_sweep.beyond.sweeps import THRESHOLDS
+from bow_sweep.maps.slips import Slips
 
 WOLF_PERIODS = 100
 """Periods that the regime *wolf* looks back."""
@@ -133,13 +130,7 @@ def wolf_counts(slips: Slips, period: int, periods: int) -> tuple[float, float, 
     changes : int
         How often the number changes between one and others.
     """
-    ends = slips.end[slips.slip > SIGNIFICANT * period]
+    ends = slips.end[slips.slip > THRESHOLDS.slip * period]
     counts = np.bincount(np.minimum((ends - 1) // period, periods - 1), minlength=periods)[-WOLF_PERIODS:]
     one = counts == 1
     return float(one.mean()), float(counts.mean()), int(np.count_nonzero(one[1:] != one[:-1]))
-
-
-def significant(slips: Slips, period: int, rise: float = 0.0) -> NDArray[np.bool_]:
-    """Return which slips count, with a threshold that follows a bow speed of ``rise t`` per period; 0: a speed of 1."""
-    speed = rise * slips.end / period if rise else 1.0
-    return np.asarray(slips.slip > SIGNIFICANT * speed * period)

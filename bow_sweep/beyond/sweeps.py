@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
+from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS
 from bow_sim.physics.reflection import Reflection, gaussian
 from bow_sweep.maps.map_file import MAP, MapFile, MapFileError, read_map
 from bow_sweep.plan.sweep import Sweep
@@ -15,6 +16,12 @@ WOLF_N, WOLF_BRIDGE = 128, 24
 
 PAPER_F_0 = 440.0
 """Nominal frequency of the paper's string, 61160 Hz over 139 samples, Hz."""
+
+
+JUDGED_BY = "trial"
+"""The thresholds of all verdicts here: those that the figures were found with which the claims compare with."""
+
+THRESHOLDS = THRESHOLD_PRESETS[JUDGED_BY]
 
 
 class Wanted(NamedTuple):
@@ -36,7 +43,9 @@ class Wanted(NamedTuple):
 
     def sweep(self, small: bool = False) -> Sweep:
         """Return the sweep."""
-        return Sweep.from_spec(self.preset, (*self.settings, *(self.small if small else ())))
+        return Sweep.from_spec(
+            self.preset, (*self.settings, f"classifier.preset={JUDGED_BY}", *(self.small if small else ()))
+        )
 
 
 def _text(r: Reflection) -> str:
@@ -74,37 +83,36 @@ def wolf_settings(q: float, kappa: float) -> tuple[str, ...]:
     )
 
 
-FINER = ("nut_cutoff=0.275", "torsion_width=2.8", "torsion_half=10")
-"""Filters of a grid twice as fine as the paper's, at the same frequencies (PHYSICS.md section 10)."""
-
-CELLO = ("period=278", "bridge=monochord", *FINER)
-HYPERBOLA = ("friction=hyperbola", "mu_s=0.9", "mu_d=0.3", "v_0=0.1")
-SOFT = ("hair=hair_soft",)
+HYPERBOLA = ("friction=hyperbola", "mu_s=0.8", "mu_d=0.3", "v_0=0.1")
 THERMAL = ("friction=thermal", "rosin=rosin")
+RIGID = ("hair_k=0", "hair_r=0")
+WARM = (*THERMAL, "mu_s=1.05")  # in place of the mu_s of a preset
 
 
-def _guettler(string: str, *settings: str) -> Wanted:
-    axes = _axis("x", "bow_acceleration", "linear", 0.15, 3.2, 64) + _axis("y", "force", "linear", 0.1, 4.2, 64)
-    start = ("gesture=guettler", "v_unit=0.1", "beta=0.07857142857142857", "periods=60", f"string={string}")
-    return Wanted("", (*CELLO, *start, *settings, *axes), ("x.count=16", "y.count=16"))
+def _guettler(letter: str, *settings: str) -> Wanted:
+    return Wanted("guettler_cello", (f"string=cello_g_{letter}", *settings), ("x.count=16", "y.count=16"))
 
 
 def _schelleng(speed: float, *settings: str) -> Wanted:
+    """Return a plane of the preset, with force along x: limits of force are sought in its rows."""
     axes = _axis("x", "force", "log", 0.08, 5.0, 64) + _axis("y", "beta", "linear", 0.02, 0.2, 10)
-    start = ("string=cello_g_at1", f"v_unit={speed!r}", "periods=100", "f_init_ratio=1.0")
-    return Wanted("", (*CELLO, *start, *settings, *axes), ("x.count=24", "y.first=0.06", "y.last=0.14", "y.count=3"))
+    start = (f"v_unit={speed!r}", f"speed={speed!r}")
+    return Wanted(
+        "schelleng_cello", (*start, *settings, *axes), ("x.count=24", "y.first=0.06", "y.last=0.14", "y.count=3")
+    )
 
 
 SPEEDS = (0.05, 0.1, 0.2)
 """Bow speeds of the measured Schelleng planes, m/s."""
 
-STEEL_BETA = (0.06, 0.16)
-"""First and last bow position on the steel D string."""
+STEEL_BRIDGE = (8.0, 22.0)
+"""First and last bow position on the steel D string, round trip in samples: beta 0.06 to 0.16."""
 
 
 def _steel(speed: float) -> Wanted:
-    ends = (0.02 * speed / STEEL_BETA[1], 2.0 * speed / STEEL_BETA[0])
-    axes = _axis("x", "force", "log", *ends, 80) + _axis("y", "beta", "linear", *STEEL_BETA, 6)
+    axes = _axis("x", "force", "log", 0.125 * speed, 33.0 * speed, 80) + _axis(
+        "y", "bow_bridge", "linear", *STEEL_BRIDGE, 8
+    )
     start = ("string=violin_d_steel", f"v_unit={speed!r}", "bridge=monochord", "periods=100", *SUSTAINED)
     return Wanted("", (*start, *THERMAL, *axes), ("x.count=24", "y.count=2"))
 
@@ -130,9 +138,16 @@ def _wolf(q: float, kappa: float) -> Wanted:
     return Wanted("", wolf_settings(q, kappa) + axes, ("x.count=14",))
 
 
+PAPER_STIFFNESS = ("stiffness_b=5e-05",)
+"""Stiffness of the paper's string, which the trial's strings of a violin had too: see docs/validation.md."""
+
+FROM_7 = f"sustained={7 * 1.617 * 15 / 139 * 0.5!r}"
+"""Start at a bow force of 7, over Schelleng's maximum v_b/(Y beta (mu_s - mu_d)) of the paper's bow."""
+
+
 def _notes(*settings: str) -> Wanted:
     axes = _axis("x", "f_asym", "log", 0.08, 8.0, 21) + _axis("y", "semitone", "linear", 0.0, 24.0, 25)
-    return Wanted("playability", (*settings, *axes), ("x.count=15",))
+    return Wanted("playability", (FROM_7, *settings, *axes), ("x.count=15",))
 
 
 def _edge(title: str) -> Wanted:
@@ -157,14 +172,11 @@ SWEEPS: dict[str, Wanted] = {
         ),
         ("x.count=17",),
     ),
-    **{f"guettler_{letter}": _guettler(f"cello_g_{letter}", *HYPERBOLA, *SOFT) for letter in "abcd"},
-    "guettler_rigid": _guettler("cello_g_b", *HYPERBOLA),
-    "guettler_thermal": _guettler("cello_g_b", *THERMAL),
-    **{f"schelleng_thermal_{speed:g}": _schelleng(speed, *THERMAL) for speed in SPEEDS},
-    **{
-        f"schelleng_hyperbola_{speed:g}": _schelleng(speed, "friction=hyperbola", "mu_s=0.8", "mu_d=0.3", "v_0=0.1")
-        for speed in SPEEDS
-    },
+    **{f"guettler_{letter}": _guettler(letter) for letter in "abcd"},
+    "guettler_rigid": _guettler("b", *RIGID),
+    "guettler_thermal": _guettler("b", *RIGID, *WARM),
+    **{f"schelleng_thermal_{speed:g}": _schelleng(speed) for speed in SPEEDS},
+    **{f"schelleng_hyperbola_{speed:g}": _schelleng(speed, *HYPERBOLA) for speed in SPEEDS},
     "least_force": Wanted(
         "",
         (
@@ -189,8 +201,8 @@ SWEEPS: dict[str, Wanted] = {
         ),
         ("x.count=40",),
     ),
-    "stoppani": _notes(),
-    "stoppani_b": _notes("stiffness_b=5e-05"),
+    "stoppani": _notes(*PAPER_STIFFNESS),
+    "stoppani_own": _notes(),
     **{f"steel_{speed:g}": _steel(speed) for speed in SPEEDS},
     **{
         name: Wanted(
@@ -222,7 +234,7 @@ def _values(sweep: Sweep) -> dict[str, str]:
 def differences(plane: MapFile, sweep: Sweep) -> list[str]:
     """Return the settings of a map that are not those of a sweep, as "name = value, should be value"."""
     own, given = _values(sweep), _values(Sweep.from_spec()) | plane.values  # a map that is older has fewer settings
-    names = sorted(name for name in own if not name.startswith("classifier.") and name not in NO_MATTER)
+    names = sorted(name for name in own if name not in NO_MATTER)
     return [f"{name} = {given.get(name)}, should be {own[name]}" for name in names if given.get(name) != own[name]]
 
 

@@ -1,8 +1,7 @@
 """A violin's body as a filter: what is radiated for a force at the bridge, by its strongest modes.
 
-A modest model, for listening only; no number of a map comes from it. Frequencies of the modes are published values of
-one violin: J. Woodhouse, *Euphonics*, section 5.3 (A0 272, CBR 407, B1- 462, B1+ 551 Hz). Loss factors are those of
-neighbouring modes in the measured bridge admittance of another violin (CNSM, Paris; Zenodo record 18696786, CC BY 4.0).
+A modest model, for listening only; no number of a map comes from it. Frequencies and Q factors of A0, CBR, B1- and B1+
+are those of the body *signature*.
 The bridge hill is the broad maximum between 2 and 3 kHz that most violins have (E. V. Jansson, Acustica 83 (1997)
 337-341). Strengths, and the part that no mode colours, are a choice by ear and not measured.
 """
@@ -14,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics.body import SIGNATURE
+
 
 class Mode(NamedTuple):
     """A mode of the body: its frequency in Hz, its Q factor, and its strength in dB."""
@@ -24,13 +25,18 @@ class Mode(NamedTuple):
     level: float
 
 
-MODES = (
-    Mode("A0", 272.0, 40.0, 0.0),
-    Mode("CBR", 407.0, 27.0, -9.0),
-    Mode("B1-", 462.0, 27.0, 1.0),
-    Mode("B1+", 551.0, 23.0, 1.0),
-    Mode("bridge hill", 2500.0, 1.6, 2.0),
-)
+LEVELS = {"A0": 0.0, "CBR": -9.0, "B1-": 1.0, "B1+": 1.0}
+"""Strengths of the modes of the body *signature*, dB, in their order."""
+
+
+def _signature() -> tuple[Mode, ...]:
+    numbers = (mode.split("/") for mode in SIGNATURE.split(","))
+    return tuple(
+        Mode(name, float(f), float(q), level) for (name, level), (f, q, _) in zip(LEVELS.items(), numbers, strict=True)
+    )
+
+
+MODES = (*_signature(), Mode("bridge hill", 2500.0, 1.6, 2.0))
 
 DIRECT_DB = -15.0
 """What passes at every frequency: the many weaker modes together."""

@@ -15,6 +15,7 @@ import numpy as np
 from bow_sim.block_request import BlockRequest, encode_chunk
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.kinds import common
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.cell_record import CellTests
 from bow_sweep.cell.parameters import Plane, lanes
@@ -43,16 +44,16 @@ def compute(plane: Plane, cell: int, periods: int | None = None) -> Waveform:
     CellError
         For values that cannot be simulated.
     """
-    common = plane.parameters if periods is None else plane.parameters.replace(periods=periods)
+    shared = plane.parameters if periods is None else plane.parameters.replace(periods=periods)
     try:
-        block = Block(common, lanes(plane, np.array([cell])))
+        block = Block(*common(shared, lanes(plane, np.array([cell])))[:2])
     except ParameterError as error:
         raise CellError(f"cell {cell}: {error}") from None
     parts = []
-    for _ in range(common.chunks):
+    for _ in range(shared.chunks):
         chunk = block.advance()
-        parts.append(part_of(0, common.chunk_samples, chunk.bridge_force.reshape(-1), chunk._asdict()))
-    return joined(parts, common.chunk_samples)
+        parts.append(part_of(0, shared.chunk_samples, chunk.bridge_force.reshape(-1), chunk._asdict()))
+    return joined(parts, shared.chunk_samples)
 
 
 def judged(sweep: Sweep, cell: int) -> tuple[CellTests, float]:
@@ -82,7 +83,7 @@ def kernel() -> Kernel:
     """Return the kernel of this machine, for what computes blocks of a bag again."""
     from bow_sim.kernel.fingerprint import fingerprint
 
-    return Kernel(fingerprint(), block_streams)
+    return Kernel(lambda outline: fingerprint(outline.parameters, outline.x, outline.y), block_streams)
 
 
 def block_streams(outline: SweepOutline, block: int) -> Iterator[tuple[bytes, bytes]]:
@@ -98,7 +99,7 @@ def block_streams(outline: SweepOutline, block: int) -> Iterator[tuple[bytes, by
 
 
 def _messages(plane: Plane, identity: Mapping[str, Any]) -> Iterator[tuple[bytes, bytes]]:
-    block = Block(plane.parameters, lanes(plane, identity["cells"]))
+    block = Block(*common(plane.parameters, lanes(plane, identity["cells"]))[:2])
     request = BlockRequest({**identity, "attempt": 0}, block)
     for chunk in range(request.chunks):
         messages, _ = encode_chunk(request, chunk, block.advance(), "", ())

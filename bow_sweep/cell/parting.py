@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bow_sim.protocol import cdr
 from bow_sweep.cell.waveform import CellError, Waveform
+from bow_sweep.maps.slips import Pieces, join
 
 if TYPE_CHECKING:
     from bow_sweep.cell.from_bag import BagCells
@@ -90,19 +91,10 @@ def onsets_of(bag: BagCells, block: int) -> list[Onsets]:
     DamagedCell
         Where a message is missing, or its checksum does not hold.
     """
-    rows, onsets = [], []
-    for chunk, slips in enumerate(_slips(bag, block)):
-        offsets = np.asarray(slips["offsets"], np.int64)
-        row = np.repeat(np.arange(len(offsets) - 1), offsets[1:] - offsets[:-1])
-        onset = np.asarray(slips["onset"], np.int64)
-        fresh = (onset > 0) | ~np.asarray(slips["slipping"], bool)[row]  # else the slip began in the chunk before
-        fresh |= chunk == 0
-        rows.append(row[fresh])
-        onsets.append(onset[fresh] + chunk * bag.outline.chunk_samples)
-    row, onset = np.concatenate(rows), np.concatenate(onsets)
-    order = np.argsort(row, kind="stable")
-    ends = np.cumsum(np.bincount(row, minlength=bag.outline.planned.size(block)))
-    return np.split(onset[order], ends[:-1])
+    chunks = [Pieces(*(np.asarray(slips[name]) for name in Pieces._fields)) for slips in _slips(bag, block)]
+    whole = join(chunks, bag.outline.chunk_samples)
+    ends = np.cumsum(np.bincount(whole.cell, minlength=bag.outline.planned.size(block)))
+    return np.split(whole.start, ends[:-1])
 
 
 def _slips(bag: BagCells, block: int) -> Iterator[Mapping[str, Any]]:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sweep.maps.slips import Pieces, join
+
 
 class CellError(ValueError):
     """A cell cannot be had as asked; the message says what, where, and what would be right."""
@@ -90,23 +92,13 @@ def part_of(row: int, samples: int, force: np.ndarray, slip: Mapping[str, Any]) 
 
 def joined(parts: Sequence[Part], samples: int) -> Waveform:
     """Return the waveform of all chunks of a cell, `samples` each; slips that a border of chunks cuts are joined."""
-    onsets: list[int] = []
-    durations: list[int] = []
-    slips: list[float] = []
-    for chunk, (_, slipping, onset, duration, slip) in enumerate(parts):
-        for place, (at, length, size) in enumerate(zip(onset.tolist(), duration.tolist(), slip.tolist(), strict=True)):
-            start = chunk * samples + at
-            if not place and slipping and not at and onsets and onsets[-1] + durations[-1] == start:
-                durations[-1] += length
-                slips[-1] += size
-            else:
-                onsets.append(start)
-                durations.append(length)
-                slips.append(size)
+    whole = join(
+        [Pieces(np.array([slipping]), np.array([0, len(own[0])]), *own) for _, slipping, *own in parts], samples
+    )
     return Waveform(
         bridge_force=np.concatenate([part[0] for part in parts]),
         slipping_first=parts[0][1],
-        onsets=np.array(onsets, np.int64),
-        durations=np.array(durations, np.int64),
-        slips=np.array(slips, np.float64),
+        onsets=whole.start,
+        durations=whole.end - whole.start,
+        slips=whole.slip,
     )

@@ -8,6 +8,7 @@ limits       Schelleng's and Guettler's limits, as curves in the plane
 limit_lines  the same as lines in pictures, with labels and captions
 basin_map    the growing map: every verdict, by cell and test
 map_file     the finished map, map.npz
+slips        slips of cells, joined where chunks cut them
 in_process   a map computed in this process, without a graph
 terrain      which of the paper's five kinds of terrain surrounds each cell
 streaks      directions of the streaks of a map

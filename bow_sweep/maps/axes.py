@@ -1,4 +1,8 @@
-"""An axis of a map in a picture: positions of cells and ticks, and its title."""
+"""An axis of a map in a picture: positions of cells and ticks, and its title.
+
+All cells of a picture have the same size. Where the values have neither equal steps nor equal ratios, as those of
+``x.values``, the ticks are the values themselves, and a position between two cells is interpolated between theirs.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ import numpy as np
 
 from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, Quantity
+from bow_sim.physics.kinds import MODEL, THRESHOLD, model_name
 from bow_sim.physics.parameters import FIELDS
 
 TITLES = {
@@ -30,19 +35,12 @@ TITLES = {
 }
 """Titles of axes; other parameters have the first words of their own description as title."""
 
-SYMBOLS = {
-    "f_asym": r"$f_\mathrm{asym}$",
-    "f_init_ratio": r"$f_\mathrm{init}\,/\,f_\mathrm{asym}$",
-    "v_mid": r"$v_\mathrm{mid}$",
-    "tau_f": r"$\tau_f$",
-    "stiffness_b": r"$B$",
-    "bow_bridge": r"$\beta N$",
-    "beta": r"$\beta$",
-}
-"""The paper's symbols, in Matplotlib's mathematics."""
-
 PLAIN_SYMBOLS = {"f_init_ratio": "f_init / f_asym"}
 """Symbols in plain text, where they differ from the name of the parameter."""
+
+
+MOST_TICKS = 12
+"""Largest number of labelled ticks where each value has a tick of its own."""
 
 
 class Tick(NamedTuple):
@@ -63,7 +61,7 @@ class PlotAxis:
     values
         (cells,) rising or falling, in the parameter's unit.
     scale
-        "log" or "linear".
+        "log", "linear", or "values" for values with neither equal ratios nor equal steps.
     """
 
     name: str
@@ -72,7 +70,7 @@ class PlotAxis:
 
     @classmethod
     def of(cls, name: str, values: np.ndarray) -> PlotAxis:
-        """Return the axis of `values`, logarithmic where their ratios are constant.
+        """Return the axis of `values`; its scale follows from them.
 
         Raises
         ------
@@ -85,7 +83,12 @@ class PlotAxis:
             raise ValueError(f"axis {name}: should be one or more finite numbers, is {values!r}")
         if not ((steps > 0).all() or (steps < 0).all()):
             raise ValueError(f"axis {name}: its values should rise or fall throughout")
-        return cls(name, values, "log" if _is_geometric(name, values) else "linear")
+        if name == MODEL:
+            return cls(name, values, "values")
+        if _is_geometric(name, values):
+            return cls(name, values, "log")
+        even = len(steps) < 2 or np.ptp(steps) <= 1e-6 * abs(steps).max()
+        return cls(name, values, "linear" if even else "values")
 
     @property
     def count(self) -> int:
@@ -96,8 +99,20 @@ class PlotAxis:
         """Return the position of a value, in cells; values beyond the ends have positions outside the map."""
         if self.count == 1:
             return 0.5
+        if self.scale == "values":
+            return self._between(float(value))
         first, last = self._scaled(self.values[0]), self._scaled(self.values[-1])
         return (self._scaled(value) - first) / (last - first) * (self.count - 1) + 0.5
+
+    def _between(self, value: float) -> float:
+        """Return the position of a value, interpolated between the two cells beside it, or continued beyond the end."""
+        sign = 1 if self.values[-1] > self.values[0] else -1
+        rising = sign * self.values
+        cell = int(np.clip(np.searchsorted(rising, sign * value), 1, self.count - 1)) - 1
+        return cell + 0.5 + float((sign * value - rising[cell]) / (rising[cell + 1] - rising[cell]))
+
+    def _text(self, value: float) -> str:
+        return model_name(value).replace("_", " ") if self.name == MODEL else _number(value)
 
     def _scaled(self, value: float) -> float:
         return math.log10(value) if self.scale == "log" else float(value)
@@ -113,7 +128,10 @@ class PlotAxis:
     def ticks(self) -> list[Tick]:
         """Return the ticks of the axis, with and without labels, by rising position."""
         if self.count == 1:
-            return [Tick(0.5, _number(self.values[0]))]
+            return [Tick(0.5, self._text(self.values[0]))]
+        if self.scale == "values":
+            step = -(-self.count // MOST_TICKS)
+            return [Tick(i + 0.5, "" if i % step else self._text(value)) for i, value in enumerate(self.values)]
         low, high = sorted((self._at(0.0), self._at(float(self.count))))
         if self.scale == "log" and high / low >= 3:
             major, minor = _log_ticks(low, high)
@@ -124,40 +142,38 @@ class PlotAxis:
         inside = {**plain, **labelled}
         return sorted(tick for tick in inside.values() if -1e-9 <= tick.position <= self.count + 1e-9)
 
-    def title(self, mathematics: bool = True, settings: Iterable[str] = ()) -> str:
-        """Return the title of the axis: name, symbol and unit.
+    def title(self, settings: Iterable[str] = ()) -> str:
+        """Return the title of the axis as plain text: what it is, the name of its setting, and its unit.
+
+        Figures have symbols instead: :mod:`bow_sweep.figures.symbols`.
 
         Parameters
         ----------
-        mathematics
-            Whether to write symbols between dollar signs, for Matplotlib; else the name of the parameter.
         settings
             "name=value" of the sweep: the unit of bow force depends on bow speed and admittance.
         """
         known = FIELDS.get(self.name)
         words = TITLES.get(self.name) or (known.metadata["doc"] if known else _si(self.name).doc).partition(";")[0]
-        if mathematics:
-            symbol = SYMBOLS.get(self.name, self.name.replace("_", " ") if known is None else self.name)
-        else:
-            symbol = PLAIN_SYMBOLS.get(self.name, self.name)
-        unit = self._unit(mathematics, settings)
+        symbol = PLAIN_SYMBOLS.get(self.name, self.name)
+        unit = self._unit(settings)
         label = words if symbol == words else f"{words}  {symbol}"
         return f"{label}  ({unit})" if unit else label
 
-    def _unit(self, mathematics: bool, settings: Iterable[str]) -> str:
+    def _unit(self, settings: Iterable[str]) -> str:
         if self.name == "f_init_ratio":
             return ""
         if self.name == "f_asym":  # force = speed / admittance
             given = dict(setting.partition("=")[::2] for setting in settings)
             speed, admittance = (_tidy(given.get(key, usual)) for key, usual in (("v_b", "1"), ("y_t", "2")))
-            names = (r"$v_b = ", r"$Y_T = ", "$") if mathematics else ("v_b = ", "Y_T = ", "")
-            return f"units: {names[0]}{speed}{names[2]}, {names[1]}{admittance}{names[2]}"
+            return f"units: v_b = {speed}, Y_T = {admittance}"
         known = FIELDS.get(self.name)
         return str(known.metadata["unit"]) if known else _si(self.name).unit
 
 
 def _si(name: str) -> Quantity:
     """Return what a setting in SI units, or of one mode of a body, is; of an unknown one only the name."""
+    if name.startswith(THRESHOLD):
+        return Quantity(name, "", f"threshold {name.removeprefix(THRESHOLD)}", (), lambda x, _: x)
     if mode := mode_unit(name):
         return Quantity(name, *mode, (), lambda x, _: x)
     return SI.get(name) or Quantity(name, "", name, (), lambda x, _: x)
@@ -210,6 +226,9 @@ def _inside(values: Iterable[float], low: float, high: float) -> list[float]:
 
 
 def _number(value: float) -> str:
-    """Return a number as text, without trailing zeros and rounding errors."""
+    """Return a number as text, without trailing zeros and rounding errors; small ones as 5e-5."""
     text = f"{float(value):.6g}"
+    if 0 < abs(float(text)) < 1e-3:
+        head, _, power = f"{float(value):.5e}".partition("e")
+        return f"{head.rstrip('0').rstrip('.')}e{int(power)}"
     return "0" if float(text) == 0 else text

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sweep.maps.axes import PlotAxis
-from bow_sweep.maps.limits import LABELS, TITLES, Limit, limits
+from bow_sweep.maps.limits import LABELS, TITLES, Limit, limits, why_no_bounds
 from bow_sweep.maps.plane import Plane
 
 BETWEEN = 16
@@ -89,7 +89,7 @@ def limit_lines(plane: Plane, width: int) -> list[str]:
     """
     found = limits(plane)
     shown = {each.limit.name for each in drawn(plane)}
-    lines: list[str] = []
+    lines: list[str] = _wrapped(why_no_bounds(plane) or "", width)
     same_inputs = len({each.inputs for each in found}) == 1
     for each in found:
         where = "" if each.name in shown else f"{TITLES[each.name]} lies outside of the axes: "
@@ -108,7 +108,7 @@ def limit_note(plane: Plane, where: str) -> list[str]:
     """
     found = limits(plane)
     if not found:
-        return []
+        return [why] if (why := why_no_bounds(plane)) else []
     shown = {each.limit.name for each in drawn(plane)}
     words = [f"{LABELS[each.name]}: {TITLES[each.name]}" for each in found if each.name in shown]
     words += [f"{TITLES[each.name]} lies outside of the axes" for each in found if each.name not in shown]

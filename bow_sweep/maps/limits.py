@@ -189,6 +189,21 @@ def guettler_bounds(p: Parameters) -> tuple[float, float] | None:
     return b * (1 - b) * low / z_0, b * (1 - b) * high / z_0
 
 
+def why_no_bounds(plane: Plane) -> str | None:
+    """Return why a plane of force and acceleration has no bounds of Guettler's; None where it has, or is another one.
+
+    With a mu_d and a bow near the bridge both bounds are known.
+    """
+    axes, values = {plane.x_name, plane.y_name}, plane.values
+    if not (axes & set(FORCES) and axes & set(ACCELERATIONS) and values.get("gesture") in ACCELERATED):
+        return None
+    if limits(plane):
+        return None
+    if values.get("friction") == "thermal":
+        return "no bounds of Guettler's: they need mu_d, which friction=thermal does not have"
+    return "no bounds of Guettler's: they are for a bow near the bridge, and mu_s above mu_d"
+
+
 # Curves
 
 

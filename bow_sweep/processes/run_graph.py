@@ -138,6 +138,7 @@ def load_compiled(sweep: Sweep) -> None:
     """Load the compiled kernel and classifier, or compile them: processes forked later have them already."""
     from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
+    from bow_sim.physics.kinds import common
 
-    Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
+    Block(*common(sweep.parameters, sweep.lanes(sweep.block(0)))[:2]).advance()
     precompile()

@@ -292,7 +292,7 @@ class Survey:
         if self.expected is None:
             self.expected = SweepOutline.of(plan)
         self._check_run(plan)
-        self.expected = self.expected.grown(plan["rounds"])
+        self.expected = self.expected.followed(plan)
         self.plan = plan
         self.epoch = max(self.epoch, plan["epoch"])
 

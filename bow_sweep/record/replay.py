@@ -63,7 +63,7 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
                 message = label(scan.contents, found, path)
                 if message.topic == "plan":
                     plan = cdr.decode("Plan", message.data)
-                    expected = expected.grown(plan["rounds"]) if expected else SweepOutline.of(plan)
+                    expected = expected.followed(plan) if expected else SweepOutline.of(plan)
                     layers = layers or empty_layers(expected)
                 elif message.topic == "verdicts" and expected is not None:
                     try:

@@ -20,6 +20,7 @@ import numpy as np
 from bow_sim.atomic_files import sync_directory
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError, BagWriter
@@ -179,12 +180,14 @@ class Session:
     def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
         """Take in a plan of this run. A closing one is kept until the end: it is the last message of the bag."""
         try:
-            self.expected = self.expected.grown(plan["rounds"])
+            self.expected = self.expected.followed(plan)
         except ParameterError as error:
             self.ignored += 1
             self.complaints[f"plan: {error}"] += 1
             return
         self.last_plan = dict(plan)
+        if is_measured(plan) and self._is_whole(0):  # only now it is known how long it is
+            self._whole.setdefault(0, 1)
         if self.closed:
             self._closing = data
         else:

@@ -6,6 +6,5 @@ ledger_file    the ledger on disk, ledger.jsonl
 lock           file locks of a run directory
 directory      the directory of a run: ledger, report
 places         where the runs of a standing graph go
-campaign       several sweeps as one
 errors         RunError
 """

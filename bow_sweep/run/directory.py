@@ -17,7 +17,7 @@ import xxhash
 
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.atomic_files import replacing, sync_directory
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.fingerprint import difference
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.messages import FORMAT
@@ -34,6 +34,9 @@ from bow_sweep.run.ledger_file import LEDGER, latest_states, read_ledger, set_le
 from bow_sweep.run.lock import take
 
 REPORT, PICTURE = "report.json", "map.png"
+STUDY, SEARCH, CAMPAIGN = "study.yaml", "optimise.yaml", "campaign.json"
+"""Files that say what a directory of several runs is for; the last is of before there were studies."""
+
 VERSIONS_OF = (
     "bow",
     "numpy",
@@ -214,7 +217,7 @@ class Run:
             "settings": list(self.sweep.settings()),
             **({"si": shared} if shared else {}),
             "notes": list(self.sweep.notes),
-            "fingerprint": fingerprint(),
+            "fingerprint": self.sweep.fingerprint,
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
             "cells_predicted": self.sweep.cells - self.blocks.planned_cells,
@@ -288,7 +291,7 @@ def planned(run_id: str, sweep: Sweep, epoch: int = 1) -> dict[str, Any]:
         "sweep_id": sweep.sweep_id,
         "preset": sweep.preset,
         "settings": sweep.settings(),
-        "fingerprint": fingerprint(),
+        "fingerprint": sweep.fingerprint,
         "classifier": sweep.thresholds.hash,
         "blocks": sweep.blocks,
         "chunks": sweep.chunks,
@@ -315,10 +318,11 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
     if (sweep.blocks, sweep.chunks) != (plan["blocks"], plan["chunks"]):
         given, right = f"{plan['blocks']} blocks of {plan['chunks']} chunks", f"{sweep.blocks} of {sweep.chunks}"
         raise RunError(f"{where}, line 1: {given}; its settings make {right}")
-    if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
+    there, here = str(plan.get("fingerprint")), sweep.fingerprint
+    if sweep.sweep_id != plan.get("sweep_id") or there != here:
         raise OtherProgramError(
-            f"{where.parent}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
-            "their results could differ: resume where it began, or sweep anew"
+            f"{where.parent}: was computed by kernel {there}, here is {here}; they differ in "
+            f"{difference(there, here) or 'the settings'}: resume where it began, or sweep anew"
         )
     classifier = sweep.thresholds.hash
     if plan.get("classifier", classifier) != classifier:  # ledgers of old have none
@@ -346,7 +350,7 @@ def blocks_of(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
     rounds = [np.array(entry["cells"], np.int64) for entry in entries if entry.get("event") == "round"]
     if not rounds:
         return sweep.first_blocks
-    blocks = Blocks(sweep.cells, sweep.block_cells, [])
+    blocks = Blocks(sweep.cells, sweep.block_cells, [], sweep.kinds)
     for cells in rounds:
         blocks = blocks.grown(cells)
     return blocks

@@ -21,6 +21,9 @@ from bow_sweep.maps.terrain import TERRAINS, UNKNOWN
 FOREIGN_LABEL, FOREIGN_COLOUR = "a regime unknown here", (128, 0, 64)
 """Of a regime that was not among the names at the beginning."""
 
+REAL_STEP = 0.5
+"""Periods: transients that are real numbers, as those of the gesture guettler, are shown in ranges of this length."""
+
 MOST_LENGTHS = 200
 """Number of transient lengths that have a colour of their own; longer simulations have several lengths in one."""
 
@@ -48,12 +51,14 @@ class Motion:
         The regimes that have a name in the recording.
     periods
         Length of a simulation.
+    real
+        Whether transients are real numbers, not whole tests.
     """
 
-    def __init__(self, regime_names: Sequence[str], periods: float) -> None:
-        self._names = tuple(regime_names)
-        tests = max(int(periods / CHUNK_PERIODS), 1)
-        self._step = CHUNK_PERIODS * math.ceil(tests / MOST_LENGTHS)
+    def __init__(self, regime_names: Sequence[str], periods: float, real: bool = False) -> None:
+        self._names, self._real = tuple(regime_names), real
+        least = REAL_STEP if real else CHUNK_PERIODS
+        self._step = least * math.ceil(max(int(periods / least), 1) / MOST_LENGTHS)
         self._lengths = math.ceil(periods / self._step)
         self._periods = periods
         self._states = len(self._names) + 2
@@ -96,8 +101,7 @@ class Motion:
         regime_paint = [*regime_colours(self._names), FOREIGN_COLOUR, GREY]
         lengths = np.minimum(self._step * np.arange(1, self._lengths + 1), self._periods)
         length_paint = [BLACK, *map(tuple, transient_colours(lengths, self._periods).tolist()), GREY]
-        about = "" if self._step == CHUNK_PERIODS else "at most "
-        words = ["no Helmholtz motion", *(f"transient {about}{length:g} periods" for length in lengths), ""]
+        words = ["no Helmholtz motion", *(f"transient {self._told(length)} periods" for length in lengths), ""]
         return [
             Meaning(
                 level * self._states + state,
@@ -107,6 +111,11 @@ class Motion:
             for level, word in enumerate(words)
             for state, regime in enumerate(regimes)
         ]
+
+    def _told(self, length: float) -> str:
+        if self._real:
+            return f"{length - self._step:g} to {length:g}"
+        return f"{'' if self._step == CHUNK_PERIODS else 'at most '}{length:g}"
 
 
 def layer_codes(name: str, values: np.ndarray, not_computed: np.ndarray) -> np.ndarray:

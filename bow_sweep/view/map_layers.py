@@ -92,7 +92,7 @@ class MapLayers:
 
     def __init__(self, record: rr.RecordingStream, plane: Snapshot) -> None:
         self._record, self._log, self._plane = record, record.log, plane
-        self._motion = Motion(plane.regime_names, plane.periods)
+        self._motion = Motion(plane.regime_names, plane.periods, real=plane.values.get("gesture") == "guettler")
         tests = {f"tests/{name}": layer_decorations(plane, name) for name in TEST_LAYERS}
         self.decorations: dict[str, Decorations] = {
             "map": transient_decorations(plane),

@@ -48,6 +48,11 @@ def test_settings_are_given_as_python_values_and_keep_their_bits() -> None:
     assert m.settings["model"] == "stiff_cremer"
 
 
+def test_what_is_perhaps_not_meant_is_a_warning() -> None:
+    with pytest.warns(UserWarning, match="the body counts twice; bridge=rigid leaves all of it to the modes"):
+        bow.sweep("fig11d", nx=1, ny=1, periods=5, body="wolf_83", progress=False)
+
+
 @pytest.mark.parametrize(
     "axis", [("bridge_r", 5, 100, 3), {"name": "bridge_r", "first": 5, "last": 100, "count": 3}], ids=["row", "names"]
 )

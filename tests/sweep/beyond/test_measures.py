@@ -7,7 +7,7 @@ import pytest
 
 from bow_sim.kernel.block import transient
 from bow_sim.physics.parameters import Parameters
-from bow_sweep.beyond.cells import Slips, compute
+from bow_sweep.beyond.cells import compute
 from bow_sweep.beyond.claim import MET, MISSED, NEAR, REPORTED, Point, verdict_of
 from bow_sweep.beyond.claims_linear import loop_roots
 from bow_sweep.beyond.formulas import fall_of_friction, greatest_force, least_force, split_frequencies
@@ -16,11 +16,11 @@ from bow_sweep.beyond.measures import (
     lower_limit,
     rank_correlation,
     right_edge,
-    significant,
     upper_limit,
     wolf_counts,
 )
 from bow_sweep.maps.limits import guettler_bounds
+from bow_sweep.maps.slips import Slips
 
 
 def test_a_limit_parts_failures_from_successes_with_the_fewest_on_the_wrong_side() -> None:
@@ -75,12 +75,6 @@ def test_a_wolf_changes_between_one_slip_and_two() -> None:
     assert (share, mean) == (pytest.approx(0.6), pytest.approx(1.4))
     assert changes == 19
     assert wolf_counts(slips([float(i) for i in range(150)], 50.0), 100, 150)[2] == 0
-
-
-def test_what_counts_as_a_slip_follows_the_speed_of_the_bow() -> None:
-    found = slips([1.0, 5.0], 3.0)  # of a bow that has 0.11 and 0.51 of its speed when they end
-    assert significant(found, 100, 0.1).tolist() == [True, False]
-    assert significant(found, 100).tolist() == [False, False]
 
 
 def test_slips_are_those_of_the_waveform_also_over_the_end_of_a_chunk() -> None:

@@ -11,7 +11,7 @@ from planes import plane_of
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import ends
 from bow_sweep.maps import limits as module
-from bow_sweep.maps.limit_lines import drawn, limit_lines
+from bow_sweep.maps.limit_lines import drawn, limit_lines, limit_note
 from bow_sweep.maps.limits import (
     HARMONICS,
     admittance,
@@ -182,6 +182,17 @@ def test_a_limit_outside_of_the_axes_is_not_drawn_and_the_caption_says_so():
     said = " ".join(limit_lines(plane, 100))
     assert "Schelleng's minimum lies outside of the axes: F_min" in said
     assert "maximum lies outside" not in said
+
+
+def test_a_plane_without_guettlers_bounds_says_why():
+    warm = plane_of("guettler_cello", "friction=thermal")
+    assert limit_lines(warm, 100) == limit_note(warm, "above")
+    assert limit_note(warm, "above") == [
+        "no bounds of Guettler's: they need mu_d, which friction=thermal does not have"
+    ]
+    assert "near the bridge" in " ".join(limit_lines(plane_of("guettler_cello", "beta=0.6"), 100))
+    assert "no bounds" not in " ".join(limit_lines(plane_of("guettler_cello"), 100))
+    assert limit_note(plane_of("fig11d"), "above") == []
 
 
 def test_the_caption_has_formula_and_inputs():

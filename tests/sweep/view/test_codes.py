@@ -29,6 +29,20 @@ def test_a_code_says_regime_and_transient_length():
     ]
 
 
+def test_a_transient_of_guettlers_gesture_is_said_as_a_range() -> None:
+    motion = Motion(REGIMES, 60, real=True)
+    known = {each.code: each.label for each in motion.meanings(by_regime=False)}
+    lengths = np.array([0.72, 1.0, 0.004, 59.7, 0.0], np.float32)
+    found = motion.codes(lengths, np.full(5, HELMHOLTZ, np.uint8), REGIMES).tolist()
+    assert [known[code].partition(", ")[2] for code in found] == [
+        "transient 0.5 to 1 periods",
+        "transient 0.5 to 1 periods",
+        "transient 0 to 0.5 periods",
+        "transient 59.5 to 60 periods",
+        "no Helmholtz motion",
+    ]
+
+
 def test_one_picture_is_coloured_by_length_and_one_by_regime():
     motion = Motion(REGIMES, 100)
     by_length = [tuple(each.colour) for each in meaning(motion, by_regime=False)]
@@ -39,9 +53,10 @@ def test_one_picture_is_coloured_by_length_and_one_by_regime():
     assert by_regime == [green, blue, blue, GREY, GREY, green]
 
 
+@pytest.mark.parametrize("real", [False, True])
 @pytest.mark.parametrize("periods", [5, 100, 1000, 1005, 50_000, 1_000_000])
-def test_every_code_of_long_and_short_simulations_has_one_meaning(periods):
-    motion = Motion(REGIMES, periods)
+def test_every_code_of_long_and_short_simulations_has_one_meaning(periods, real):
+    motion = Motion(REGIMES, periods, real)
     known = motion.meanings(by_regime=False)
     assert len({each.code for each in known}) == len(known) < 3000
     lengths = np.array([0, 5, periods, np.nan], np.float32)
