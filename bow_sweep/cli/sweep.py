@@ -65,6 +65,8 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
+        "  bow sweep fig11d --set x=stiffness_b --set y=mu_s         any two parameters, with ranges of their own\n"
+        "  bow sweep fig11d --set x=model --set y=beta --set y.values=[0.08,0.1,0.2]   all values of an axis\n"
         "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
         "  bow sweep fig11d --record verdicts        a small bag: waveforms are computed again when asked for\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"

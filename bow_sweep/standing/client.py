@@ -25,6 +25,7 @@ from bow_sweep.processes.progress import Progress
 from bow_sweep.processes.supervisor import GraphError, tail
 from bow_sweep.run.directory import LEDGER, RunError, read_ledger
 from bow_sweep.run.places import Place, remove_places, write_place
+from bow_sweep.standing.listener import SPIN_S, Listener
 from bow_sweep.standing.start import start, stop
 from bow_sweep.standing.state import LOGS, PLACES, TURNS, State, default_folder, read_state
 from bow_sweep.standing.turns import Turn
@@ -32,7 +33,6 @@ from bow_sweep.standing.turns import Turn
 if TYPE_CHECKING:
     import subprocess
 
-    from bow_msgs.msg import Health
 
 JOIN_S = 30.0
 """A client has this long to find the coordinator and get an answer to a goal."""
@@ -43,7 +43,7 @@ CANCEL_S = 90.0
 PATIENCE_S = 300.0
 """A run without progress for this long is cancelled."""
 
-SPIN_S, LOOK_S, AGAIN_S = 0.05, 0.5, 0.5
+LOOK_S, AGAIN_S = 0.5, 0.5
 
 CLOSE_S = 30.0
 
@@ -70,114 +70,29 @@ class Finished:
     wall_s: float
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A node of the graph, as its latest heartbeat describes it.
-
-    Attributes
-    ----------
-    rss
-        Resident memory, bytes.
-    at
-        When the heartbeat arrived, seconds of the monotonic clock.
-    """
-
-    role: str
-    node: str
-    incarnation: str
-    pid: int
-    state: int
-    detail: str
-    run_id: str
-    rss: int
-    at: float
-
-
-class Graph:
+class Graph(Listener):
     """A client of a standing graph. Make it with :func:`connect` or :func:`private_graph`.
 
     Parameters
     ----------
     state, folder
         The graph.
-
-    Attributes
-    ----------
-    nodes
-        Name -> node, those heard so far.
     """
 
     def __init__(self, state: State, folder: Path) -> None:
-        import rclpy
+        super().__init__(state)
         from bow_msgs.action import RunSweep
-        from bow_msgs.msg import Health
         from rclpy.action import ActionClient
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.signals import SignalHandlerOptions
 
-        from bow_sim.graph.discovery import apply_defaults
-        from bow_sim.graph.node_base import LATCHED_DEEP
-
-        apply_defaults()
-        self.state, self.folder = state, folder
-        self.nodes: dict[str, Seen] = {}
+        self.folder = folder
         self._type = RunSweep
-        self._context = Context()
-        rclpy.init(
-            args=[],
-            context=self._context,
-            domain_id=int(state.domain),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._node = rclpy.create_node(
-            f"client_{random_id()[:8]}",
-            namespace=state.namespace,
-            context=self._context,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        self._node.create_subscription(Health, "health", self._on_health, LATCHED_DEEP)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         self._action = ActionClient(self._node, RunSweep, "run_sweep")
 
     def close(self) -> None:
         """Leave the graph."""
-        from bow_sim.graph.node_process import leave
-
-        self._executor.shutdown()
         self._action.destroy()
-        self._node.destroy_node()
-        self._context.try_shutdown()
-        del self._executor, self._action, self._node
-        leave()
-
-    def spin(self, seconds: float = SPIN_S) -> None:
-        """Take in what comes within a time; update :attr:`nodes`."""
-        self._executor.spin_once(timeout_sec=seconds)
-
-    def _on_health(self, message: Health) -> None:
-        if message.state == NodeState.DEAD:
-            for name in [name for name, node in self.nodes.items() if node.pid == message.pid]:
-                del self.nodes[name]
-            return
-        self.nodes[message.node] = Seen(
-            message.role,
-            message.node,
-            message.incarnation,
-            message.pid,
-            message.state,
-            message.detail,
-            message.run_id,
-            message.rss,
-            time.monotonic(),
-        )
-
-    @property
-    def coordinator(self) -> Seen | None:
-        """The coordinator, as it was heard last."""
-        return next((node for node in self.nodes.values() if node.role == "coordinator"), None)
+        del self._action
+        super().close()
 
     def run(
         self,

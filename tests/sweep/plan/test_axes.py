@@ -188,12 +188,17 @@ def test_a_later_layer_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None
     assert planned("", *choose(str(tmp_path / "saved.yaml")).settings).x.given == (0.1, 0.2, 0.3)
 
 
-def test_models_stand_in_the_order_of_the_hierarchy_and_a_setting_of_one_of_them_is_enough() -> None:
+def test_models_stand_in_the_order_of_the_hierarchy_and_a_setting_of_one_of_them_is_enough(
+    tmp_path: Path,
+) -> None:
     assert planned("fig11d", "x=model").x.count == 6
     sweep = planned("fig11d", "x=model", "x.values=[stiff_cremer, raman]", "y=stiffness_b", "y.count=2")
     assert sweep.x.values().tolist() == [1, 5]
     assert "x.values=[raman, stiff_cremer]" in sweep.settings()
     assert [sweep.block(number).tolist() for number in range(sweep.blocks)] == [[0, 2], [1, 3]]
+    save(tmp_path / "two.yaml", sweep, "two models")
+    assert yaml.safe_load((tmp_path / "two.yaml").read_text())["x"]["values"] == ["raman", "stiff_cremer"]
+    assert planned("", *choose(str(tmp_path / "two.yaml")).settings).x == sweep.x
 
 
 KINDS = [("y=classifier.slip",), ("x=model", "y=classifier.corner", "y.count=5"), ("x=model", "adaptive=0.6")]
