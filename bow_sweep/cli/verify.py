@@ -24,7 +24,7 @@ def add_command(commands: Any) -> None:
         "compare map.npz, report.json and ledger.jsonl with them. Prints JSON.\n\n"
         "The verdicts are derived from the recorded streams. Of a run that does not record them (bow sweep --record\n"
         "verdicts, or last), some of its cells are computed again, drawn at random in whole blocks, and checksums and\n"
-        "verdicts are compared. Needs the kernel of the run: the same version of bow on the same kind of processor.",
+        "verdicts are compared. That needs the kernel of the run, the same release of bow; another one is named.",
         epilog="examples:\n"
         "  bow verify runs/one\n"
         "  bow verify runs/small --sample 2000 --seed 7      2000 cells or a few more, another draw\n"

@@ -102,11 +102,11 @@ def _differs(
     known: Verdict, survey: Survey, task: Task, kernel: Kernel, classifier: Classifier, force: bytes, slip: bytes
 ) -> str:
     """Return what differs between the verdict of a chunk and the one on the chunk computed again; "" for nothing."""
-    there, here = str(survey.plan["fingerprint"]), kernel.fingerprint(task.outline)
-    other = f"; the run's kernel is another one, so nothing is proved here: {there}, here is {here}"
     made = checksum(force, slip)
     out = classifier.take("BridgeForce", force) + classifier.take("StickSlip", slip)
     if made != known.chunk_checksum:
+        there, here = str(survey.plan["fingerprint"]), kernel.fingerprint(task.outline)
+        other = f"; the run's kernel is another one, so nothing is proved here: {there}, here is {here}"
         what = f"the verdicts are on chunk {known.chunk_checksum:016x}, computed again it is {made:016x}"
         return what + other * (there != here)
     if len(out) != 1:
