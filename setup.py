@@ -17,6 +17,7 @@ NODES = {
 
 EXTRAS = {
     "explore": ["bokeh>=3.9,<4"],  # `bow explore`
+    "optimise": ["optuna>=4"],  # `bow optimise`
     "data": ["xarray>=2024.1", "h5netcdf>=1.3", "h5py>=3.8"],  # tables and netCDF files of `import bow`
 }
 """Libraries that parts of bow need, by the name of the extra; `make setup` installs them."""

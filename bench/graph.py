@@ -130,7 +130,7 @@ def graph(width: int, height: int, simulators: int, run: Path, more: Sequence[st
     began = time.time()
     with open(run.with_suffix(".out"), "wb") as output:
         sweep = subprocess.Popen(
-            [sys.executable, "-m", "bow_sweep", "sweep", *words], stdout=output, stderr=subprocess.STDOUT
+            [sys.executable, "-m", "bow_sweep", "sweep", "--own-graph", *words], stdout=output, stderr=subprocess.STDOUT
         )
     watch = Watch(sweep.pid, "bow sweep")
     try:

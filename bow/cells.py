@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics.kinds import MODEL, model_name
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.cell import analysis
 from bow_sweep.cell.analysis import Harmonics, Spectrum
@@ -62,9 +63,10 @@ class Cell:
         return self.record.cell
 
     @property
-    def at(self) -> dict[str, float]:
-        """The values of the map's two parameters."""
-        return {self.record.x_name: self.record.x, self.record.y_name: self.record.y}
+    def at(self) -> dict[str, Any]:
+        """The values of the map's two parameters; a model by its name."""
+        both = ((self.record.x_name, self.record.x), (self.record.y_name, self.record.y))
+        return {name: model_name(value) if name == MODEL else value for name, value in both}
 
     @property
     def parameters(self) -> Parameters:

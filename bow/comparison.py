@@ -11,6 +11,7 @@ from bow.maps import Map, open_run
 from bow.shown import Picture
 from bow_sweep.maps import compare as terrain_comparison
 from bow_sweep.maps.compare import Compared
+from bow_sweep.maps.differing import program_of, typed
 from bow_sweep.maps.map_file import MapFileError
 from bow_sweep.maps.playability import MEASURES
 
@@ -48,7 +49,8 @@ class Comparison:
         self.names = names
         self.maps = maps
         self.compared = tuple(
-            Compared(name, each.file, each.terrain_codes, each.numbers) for name, each in zip(names, maps, strict=True)
+            Compared(name, each.file, each.terrain_codes, each.numbers, program_of(each.directory))
+            for name, each in zip(names, maps, strict=True)
         )
 
     @property
@@ -68,11 +70,17 @@ class Comparison:
 
     @property
     def settings(self) -> dict[str, tuple[Any, ...]]:
-        """The settings that are not the same in all maps: name -> value in each, None where a map does not have it."""
-        given = [each.settings for each in self.maps]
-        names = sorted({name for settings in given for name in settings})
-        values = {name: tuple(settings.get(name) for settings in given) for name in names}
-        return {name: each for name, each in values.items() if any(value != each[0] for value in each)}
+        """The settings that are not the same in all maps: name -> value in each, presets first.
+
+        "an axis" stands where a parameter is an axis of a map; None where nothing is known.
+        """
+        found = terrain_comparison.settings_that_differ(self.compared)
+        return {each.name: tuple(typed(value) for value in each.values) for each in found}
+
+    @property
+    def made_by(self) -> dict[str, tuple[Any, ...]]:
+        """What of kernel, classifier, machine and versions is not the same in all runs; {} for computed maps."""
+        return {each.name: each.values for each in terrain_comparison.programs_that_differ(self.compared)}
 
     @property
     def notes(self) -> list[str]:
@@ -80,8 +88,8 @@ class Comparison:
         return terrain_comparison.notes(self.compared)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything in plain values, as `bow compare --json` prints it, with the settings that differ."""
-        return terrain_comparison.as_json(self.compared) | {"settings": self.settings}
+        """Return everything in plain values, as `bow compare --json` prints it."""
+        return terrain_comparison.as_json(self.compared)
 
     def plot(self) -> Picture:
         """Return a picture: maps, their terrain, and the measures with error bars."""
@@ -93,7 +101,10 @@ class Comparison:
 
     def __str__(self) -> str:
         two = len(self.maps) == 2
-        rows = [["measure", *self.names, *(["difference"] * two)]]
+        settings = terrain_comparison.settings_that_differ(self.compared)
+        rows = [["setting", *self.names]] if settings else [["no setting differs"]]
+        rows += [[each.name, *(f"{value} {each.unit}".rstrip() for value in each.values)] for each in settings]
+        rows += [[], ["measure", *self.names, *(["difference"] * two)]]
         for entry in MEASURES:
             values = [terrain_comparison.value_and_error(each.numbers, entry.name) for each in self.compared]
             row = [f"{entry.title}{f', {entry.unit}' if entry.unit else ''}", *(entry.text(*each) for each in values)]
@@ -101,8 +112,9 @@ class Comparison:
                 step = self.differences[self.names[1]][entry.name]
                 row.append(entry.text(step.value, step.error, signed=True) + (" *" if step.sure else ""))
             rows.append(row)
-        rows += [[name, *map(str, values)] for name, values in self.settings.items()]
-        widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(len(rows[0]))]
+        if made_by := self.made_by:
+            rows += [[], *([name, *(str(value) for value in values)] for name, values in made_by.items())]
+        widths = [max(len(row[i]) for row in rows if i < len(row)) for i in range(max(map(len, rows)))]
         lines = [
             "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=False)).rstrip() for row in rows
         ]

@@ -11,6 +11,7 @@ import numpy as np
 
 from bow.found import Found
 from bow.optional import library
+from bow_sim.physics.kinds import labels
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.cell_record import CellRecord
 from bow_sweep.maps.held_fixed import subject, unit_of
@@ -69,7 +70,9 @@ def dataset(of: Found) -> xarray.Dataset:
         dimensions = plane if values.ndim == 2 else (TEST, *plane)
         variables[name] = (dimensions, values, attributes)
     named = zip((x_name, y_name), found.axes, strict=True)
-    coordinates: dict[str, Any] = {name: (name, axis.values, _axis_attributes(axis, found)) for name, axis in named}
+    coordinates: dict[str, Any] = {
+        name: (name, labels(axis.name, axis.values), _axis_attributes(axis, found)) for name, axis in named
+    }
     about = {"long_name": "time of the test", "units": "periods"}
     coordinates[TEST] = (TEST, np.asarray(found.test_periods, np.int64), about)
     return xr.Dataset(variables, coordinates, _attributes(of))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bow.found import Found
+from bow_sim.physics.kinds import value_text
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cell.waveform import CellError
 from bow_sweep.maps.map_file import MAP, MapFile, read_map_npz, write_map_npz
@@ -60,7 +61,8 @@ class Map(Found):
         from bow_sweep.maps.held_fixed import subject
 
         ny, nx = self.shape
-        spans = ", ".join(f"{axis.name} {axis.values[0]:g} ... {axis.values[-1]:g}" for axis in self.axes)
+        ends = [(axis.name, axis.values[0], axis.values[-1]) for axis in self.axes]
+        spans = ", ".join(f"{name} {value_text(name, a, 'g')} ... {value_text(name, b, 'g')}" for name, a, b in ends)
         about = f"{nx} x {ny} cells: {spans}; {subject(self.file)}, {self.file.periods:g} periods"
         return f"<bow.Map {about}{f'; {self.directory}' if self.directory else ''}>"
 
@@ -106,7 +108,9 @@ class Map(Found):
         from bow.cells import Cell
 
         if (index is None) == (not at):
-            example = ", ".join(f"{axis.name}={axis.values[axis.count // 2]:.3g}" for axis in self.axes)
+            example = ", ".join(
+                f"{axis.name}={value_text(axis.name, axis.values[axis.count // 2], '.3g')}" for axis in self.axes
+            )
             raise CellError(f"give the number of a cell or values of both axes, for instance m.cell({example})")
         number = self.cells.nearest(at) if index is None else int(index)
         return Cell(self.cells.record(number, source))
@@ -156,17 +160,31 @@ class Map(Found):
         write_map_npz(place, self.file)
         return place
 
-    def plot(self, layer: str = "transient", *, width_mm: float = 86.0, periods: float | None = None) -> Picture:
-        """Return a picture of one layer, made for a column of a journal; a notebook shows it.
+    def plot(
+        self,
+        *layers: str,
+        width_mm: float = 86.0,
+        periods: float | None = None,
+        columns: int | None = None,
+        style: str = "paper",
+    ) -> Picture:
+        """Return a picture made for a column of a journal, with a panel for each layer; a notebook shows it.
+
+        :func:`bow.plot` draws several maps together.
 
         Parameters
         ----------
-        layer
-            "transient", "regime", "terrain", "correlation", "confidence", "slips" or "corners".
+        *layers
+            "transient" (if none is given), "regime", "correlation", "confidence", "terrain", "reliability", "slips"
+            or "corners".
         width_mm
             Width of the whole picture.
         periods
             Time of the test, for the layers that have one; None: the last.
+        columns
+            Number of panels beside each other; None: 2 for several from 120 mm on, else 1.
+        style
+            "paper", "serif" or "slides".
 
         Raises
         ------
@@ -177,12 +195,13 @@ class Map(Found):
         --------
         >>> import bow
         >>> m = bow.sweep("fig11d", nx=8, ny=4, periods=20, progress=False)
-        >>> m.plot("regime").caption
-        'regime after 20 periods'
+        >>> m.plot("regime").caption.partition(",")[0]
+        'Regime after 20 periods. Stiff/Cremer string'
         """
         from bow.pictures import picture
 
-        return picture(self, layer, width_mm=width_mm, periods=periods)
+        return picture([self], layers or ("transient",), width_mm=width_mm, periods=periods, columns=columns,
+                       style=style)  # fmt: skip
 
     def _repr_png_(self) -> bytes:
         return self.plot(width_mm=140.0)._repr_png_()

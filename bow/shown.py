@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,10 +29,16 @@ class Picture:
         The Matplotlib figure, to be changed before it is saved.
     caption
         What the picture is of, as text: string, gesture, and everything that is the same in all cells.
+    latex
+        The same for LaTeX; "" where there is none.
+    about
+        What is written into the file beside the picture, by the names of PDF: Title, Subject, Keywords.
     """
 
     figure: Figure
     caption: str = ""
+    latex: str = ""
+    about: Mapping[str, str] = field(default_factory=dict)
 
     def save(self, path: str | Path) -> Path:
         """Write the picture; the suffix, .png, .svg or .pdf, sets the format. Return the path.
@@ -46,7 +53,7 @@ class Picture:
         from bow_sim.figures.page import check_path, save
 
         place = check_path(path)
-        save(self.figure, place)
+        save(self.figure, place, self.about)
         return place
 
     def _repr_png_(self) -> bytes:
@@ -59,7 +66,7 @@ class Picture:
 
     def __repr__(self) -> str:
         width, height = self.figure.get_size_inches() * 25.4
-        return f"Picture({width:.0f} x {height:.0f} mm: {self.caption})"
+        return f"Picture({width:.0f} x {height:.0f} mm: {self.caption.partition('. ')[0]})"
 
 
 @dataclass(frozen=True, eq=False)

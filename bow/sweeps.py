@@ -12,7 +12,6 @@ import numpy as np
 
 from bow.maps import Map
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.parameters import FIELDS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import compute
@@ -21,9 +20,9 @@ from bow_sweep.plan.adaptive import fill
 from bow_sweep.plan.sweep import Sweep
 
 AXIS = ("name", "first", "last", "count", "scale")
-"""What a sequence that describes an axis holds, in this order; the last two may be left out."""
+"""What a sequence that describes an axis holds, in this order; all but the name may be left out."""
 
-AxisGiven = Mapping[str, object] | Sequence[object]
+AxisGiven = str | Mapping[str, object] | Sequence[object]
 
 
 def sweep(
@@ -47,8 +46,9 @@ def sweep(
     nx, ny
         Cells along x and y.
     x, y
-        Axes: (name, first, last), (name, first, last, count) or (name, first, last, count, scale), or a mapping with
-        these names. A scale that is not given is that of the parameter.
+        Axes: a name; (name, [value, value, ...]); (name, first, last), (name, first, last, count) or (name, first,
+        last, count, scale); or a mapping with these names, or with name and values. What is not given is as `bow
+        settings` says of that parameter.
     settings
         "name=value" of any setting, as after `--set`; names with a dot can only be given here or as a mapping.
     workers
@@ -82,17 +82,59 @@ def sweep(
     >>> m.axes[0].name
     'bridge_r'
     """
+    plan = planned(preset, nx=nx, ny=ny, x=x, y=y, settings=settings, parameters=parameters)
+    for note in plan.notes:
+        warnings.warn(note, stacklevel=2)
+    return computed(plan, workers, progress)
+
+
+def planned(
+    preset: str,
+    *,
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> Sweep:
+    """Return the sweep that the arguments of :func:`sweep` describe."""
+    return Sweep.from_spec(preset, given_settings(nx, ny, x, y, settings, parameters))
+
+
+def given_settings(
+    nx: int | None,
+    ny: int | None,
+    x: AxisGiven | None,
+    y: AxisGiven | None,
+    settings: Iterable[str],
+    parameters: Mapping[str, object],
+) -> list[str]:
+    """Return the arguments of :func:`sweep` as "name=value" settings."""
     given = [*embed_files(settings), *embed_files(_texts(parameters))]
     for key, axis, count in (("x", x, nx), ("y", y, ny)):
         given += _axis(key, axis)
         if count is not None:
             given.append(f"{key}.count={count}")
-    plan = Sweep.from_spec(preset, given)
-    for note in plan.notes:
-        warnings.warn(note, stacklevel=2)
-    with _shown(progress, plan.budget) as show:
+    return given
+
+
+def computed(plan: Sweep, workers: int | None, progress: bool, what: str = "sweep") -> Map:
+    """Compute a planned sweep; `what` is the word of its progress. For the others see :func:`sweep`."""
+    with showing(progress, plan.budget, what) as show:
         basin = compute(plan, show, workers or len(os.sched_getaffinity(0)))
     return Map(_map_file(plan, basin))
+
+
+def written(name: str, value: object) -> str:
+    """Return a Python value as a setting is written; a float has all its bits.
+
+    Raises
+    ------
+    ParameterError
+        Where it is neither a number nor a text.
+    """
+    return next(iter(_texts({name: value}))).partition("=")[2]
 
 
 def _texts(parameters: Mapping[str, object], prefix: str = "") -> Iterator[str]:
@@ -111,14 +153,19 @@ def _texts(parameters: Mapping[str, object], prefix: str = "") -> Iterator[str]:
 def _axis(key: str, given: AxisGiven | None) -> Iterator[str]:
     if given is None:
         return
+    if isinstance(given, str):
+        given = (given,)
     if isinstance(given, Mapping):
         values = dict(given)
-    elif isinstance(given, str) or not 3 <= len(given) <= len(AXIS):
-        raise ParameterError(f"{key} = {given!r}: should be ({', '.join(AXIS)}); count and scale may be left out")
+    elif len(given) == 2 and not isinstance(given[1], str) and isinstance(given[1], (Sequence, np.ndarray)):
+        values = {"name": given[0], "values": given[1]}
+    elif not 1 <= len(given) <= len(AXIS):
+        right = f"a name, (name, [value, ...]) or ({', '.join(AXIS)}), whose end may be left out"
+        raise ParameterError(f"{key} = {given!r}: should be {right}")
     else:
         values = dict(zip(AXIS, given, strict=False))
-    if "scale" not in values and values.get("name") in FIELDS:
-        values["scale"] = FIELDS[str(values["name"])].metadata.get("scale", "linear")
+    if "values" in values and not isinstance(values["values"], str):
+        values["values"] = np.asarray(values["values"], float).tolist()
     yield from _texts(values, f"{key}.")
 
 
@@ -132,7 +179,7 @@ def _map_file(plan: Sweep, basin: Basin) -> MapFile:
 
 
 @contextlib.contextmanager
-def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] | None]:
+def showing(wanted: bool, cells: int, what: str = "sweep") -> Iterator[Callable[[float, float], None] | None]:
     """Yield a callback (done, total) that shows a bar on a terminal and in a notebook, and percentages elsewhere."""
     if not wanted:
         yield None
@@ -144,8 +191,8 @@ def _shown(wanted: bool, cells: int) -> Iterator[Callable[[float, float], None] 
     if not (console.is_terminal or console.is_jupyter):
         from bow_sweep.processes.progress import percentages
 
-        yield percentages("sweep")
+        yield percentages(what)
         return
     with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("sweep", total=cells)
+        task = bar.add_task(what, total=cells)
         yield lambda done, total: bar.update(task, completed=done, total=total)

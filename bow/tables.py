@@ -16,6 +16,7 @@ from bow.dataset import dataset
 from bow.found import Found
 from bow.optional import library
 from bow_sim.atomic_files import replacing, sync_directory
+from bow_sim.physics.kinds import labels
 from bow_sweep.maps.terrain import TERRAINS
 
 PACKED: dict[str, Any] = {"zlib": True, "complevel": 4, "shuffle": True}
@@ -51,8 +52,8 @@ def columns(of: Found) -> dict[str, np.ndarray]:
     ny, nx = of.shape
     out: dict[str, np.ndarray] = {
         "cell": np.arange(nx * ny),
-        found.x_name: np.tile(of.x, ny),
-        found.y_name: np.repeat(of.y, nx),
+        found.x_name: np.tile(labels(found.x_name, of.x), ny),
+        found.y_name: np.repeat(labels(found.y_name, of.y), nx),
         "transient_periods": found.transient_periods.ravel(),
         "regime": of.regime.ravel(),
         "count": found.count.ravel(),

@@ -21,7 +21,7 @@ from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_chunk
 from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_cell
 from bow_classifier.verdict.fingerprint import LEAN, VERSION
 from bow_sim.simd.columns import prefetch
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import njit, part
 from bow_sim.simd.lanes import LANES
 
 FEW = 8
@@ -135,7 +135,7 @@ class _Workspace(NamedTuple):
     wolf: Any
 
 
-@njit(nogil=True, error_model="numpy")
+@part(nogil=True, error_model="numpy")
 def _workspace(samples, history, period, lags, wolf):
     return _Workspace(
         np.zeros((LANES, history + samples), np.float32),
@@ -152,13 +152,13 @@ def _workspace(samples, history, period, lags, wolf):
     )
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _copy(x, out):
     for t in range(out.shape[0]):  # an assignment of slices takes four times as long
         out[t] = x[t]
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _take(i, history, bridge_force, row):
     """Write the record of cell i to row: its history, then the chunk. Keep the end of the record as history."""
     before, start = history[i], history.shape[1]
@@ -167,14 +167,14 @@ def _take(i, history, bridge_force, row):
     _copy(row[row.shape[0] - start :], before)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _prefetch_row(array, i):
     """Fetch a row of an array into the cache while other work goes on: waiting for it took a tenth of the time."""
     for at in range(i * array.shape[1], (i + 1) * array.shape[1], _LINE):
         prefetch(array, at)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _needs_ripple(i, features, limits):
     """Return whether a rule compares the ripples of cell i: not Helmholtz, but one slip or flyback cluster a period."""
     if not (features.correlation[i] > limits.correlation and features.period[i] < LONG * limits.period):
@@ -184,7 +184,7 @@ def _needs_ripple(i, features, limits):
     return one or (corners > 2 * limits.periods and features.corner_clusters[i] < FEW)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _measure_cell(i, row, start, setup, features, workspace):
     """Write corners, long period and ripples of cell i to the features, which have the first two tests already."""
     strings, lags, limits = setup
@@ -206,7 +206,7 @@ def _measure_cell(i, row, start, setup, features, workspace):
     )
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, workspace, onsets, stops, beat, transient):
     """Write what has a memory longer than the record of cell i: the beat of a wolf, and Guettler's transient.
 
@@ -223,7 +223,7 @@ def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, work
         transient[i] = transient_after(i, chunk * samples, period, onsets, slips, releases)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _classify_all(state, chunk, setup, result, workspace):
     """Classify all cells, eight at a time."""
     history, slip_state = state.history, state.slips

@@ -13,7 +13,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 
 
 def precompile() -> None:
-    """Compile the classifier (some 20 s), or load it from the cache (0.3 s), so that the first chunk need not wait."""
+    """Compile the classifier (some 12 s), or load it from the cache (0.3 s), so that the first chunk need not wait."""
     geometry = Geometry(period=139, bow_bridge=15, samples=CHUNK_PERIODS * 139)
     none = np.zeros(0, np.uint32)
     sticking = Intervals(np.zeros(1, np.uint8), np.zeros(2, np.uint32), none, none, np.zeros(0))

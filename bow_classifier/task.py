@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import Thresholds
+from bow_sim.physics.kinds import common
 from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol.sweep_outline import SweepOutline
 
@@ -36,7 +37,8 @@ class Task:
         """Return a new classifier for the chunks of a block; each cell has its own bow speed and bow position."""
         cells = self.outline.block(block)
         values = {name: self.outline.values(name, cells) for name in ("v_b", "bow_bridge", "acceleration")}
-        return classifier_of(self.outline.parameters, self.thresholds, values)
+        own = common(self.outline.parameters, self.outline.lanes(cells))
+        return classifier_of(own.parameters, replace(self.thresholds, **own.thresholds), values)
 
 
 def classifier_of(

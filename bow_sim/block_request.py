@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.kinds import common, value_text
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
 from bow_sim.protocol.sweep_spec import split
 
@@ -27,10 +29,13 @@ class BlockRequest:
         The decoded Block message.
     block
         The kernel's block, at the beginning of its first chunk.
+    record
+        Which of its streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     message: Mapping[str, Any]
     block: Block
+    record: str = DEFAULT
 
     @property
     def key(self) -> tuple[int, int]:
@@ -41,6 +46,11 @@ class BlockRequest:
     def chunks(self) -> int:
         """How many chunks the block has."""
         return self.block.parameters.chunks
+
+    @property
+    def recorded(self) -> range:
+        """The chunks whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
 
 
 def prepare(message: Mapping[str, Any]) -> BlockRequest:
@@ -63,7 +73,8 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
     if cells.max() >= planned or len(np.unique(cells)) != len(cells):
         raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
     lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
-    return BlockRequest(message, Block(parameters, repeats.vary(parameters, lanes, cells, plane_cells)))
+    own = common(parameters, repeats.vary(parameters, lanes, cells, plane_cells))
+    return BlockRequest(message, Block(own.parameters, own.lanes), record_of(spec.record))
 
 
 def encode_chunk(
@@ -108,7 +119,10 @@ def encode_chunk(
 def _inspected_cell(request: BlockRequest, values: Mapping[str, Any], row: int, force: NDArray[np.float32]) -> bytes:
     """Return the InspectedCell of the cell in a row of the block; `values` has the chunk's identity and samples."""
     spec, parameters = split(request.message["spec.settings"]), request.block.parameters
-    places = [f"{getattr(spec, axis).get('name')} = {request.message[axis][row]:.4g}" for axis in ("x", "y")]
+    names = [str(getattr(spec, axis).get("name")) for axis in ("x", "y")]
+    places = [
+        f"{name} = {value_text(name, request.message[axis][row])}" for axis, name in zip("xy", names, strict=True)
+    ]
     periods = (values["first_sample"] + np.arange(values["samples"])) / parameters.period
     own = {"cell": values["cells"][row], "name": ", ".join(places), "sample_rate": parameters.sample_rate}
     return cdr.encode("InspectedCell", {**values, **own, "periods": periods, "bridge_force": force})

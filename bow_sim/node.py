@@ -19,9 +19,12 @@ from bow_sim.block_request import encode_chunk
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
 from bow_sim.graph.node_process import run_node
 from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
+from bow_sim.protocol.inspected import SPREAD, spread_over
 from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, Neighbour
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.simulator_events import (
     BlockReceived,
     ChunkComputed,
@@ -69,9 +72,13 @@ class SimulatorNode(BowNode):
             "credit", LIMIT, "chunks under way at most that are not both receipted and judged", between=(1, LIMIT)
         )
         inspected = self.read_parameter(
-            "inspect", [0], "cells whose bridge force also goes out on `inspect`, for the dashboard"
+            "inspect",
+            [0],
+            "cells whose bridge force also goes out on `inspect`, for the dashboard; [-1]: some of each run",
         )
-        self._inspected = inspected or ()
+        self._inspected: Sequence[int] = inspected or ()
+        self._spread = list(self._inspected) == [SPREAD]
+        self._spread_for = ""  # run that the cells are of
         self._session = SimulatorSession(self.incarnation, fingerprint(), self.works_for, credit, now=self.awake.now())
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
@@ -106,6 +113,10 @@ class SimulatorNode(BowNode):
             self._check_readers()
 
     def _on_plan(self, event: PlanReceived) -> None:
+        if self._spread and event.plan["run_id"] != self._spread_for:
+            self._spread_for = event.plan["run_id"]
+            with contextlib.suppress(ParameterError):  # the session says what is wrong with it
+                self._inspected = spread_over(SweepOutline.of(event.plan))
         self._handle(event)
         self._check_readers()
 

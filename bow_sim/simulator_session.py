@@ -279,7 +279,8 @@ class SimulatorSession:
             out.append(ComputeChunk(request, self._chunk))
         elif not self._window.full:
             self._busy = True
-            self._window.sent((request.key[0], self._chunk), self._computed.messages, now)
+            recorded = self._chunk in request.recorded
+            self._window.sent((request.key[0], self._chunk), self._computed.messages, now, recorded)
             self._publish(Publish(self._computed.messages, self._computed.inspect, of=request), out)
         else:
             self._send_again(now, out)

@@ -11,6 +11,7 @@ view               the dashboard
 explore            the page in the browser
 coordinator        who hands out the blocks
 processes          the processes of a graph on this machine
+study              families of maps, what they say together, and the search for the best
 paper              what the paper states, beside what is found
 beyond             the claims made since, beside what is found
 cli                the command `bow`

@@ -22,7 +22,8 @@ from bow_sim.figures.page import MUTED, style
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import gaussian
 from bow_sweep.figures.colours import transient_colours
-from bow_sweep.figures.layout import Layout, paint, percent
+from bow_sweep.figures.layout import Layout, percent
+from bow_sweep.figures.panel import paint
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.paper.claim import REPORT

@@ -26,7 +26,8 @@ from bow_sim.figures.page import save, style
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.figures.colours import transient_colours
-from bow_sweep.figures.layout import Layout, paint
+from bow_sweep.figures.layout import Layout
+from bow_sweep.figures.panel import paint
 from bow_sweep.figures.terrain import comparison, terrain_figure
 from bow_sweep.maps import playability as play
 from bow_sweep.maps import terrain as ground

@@ -22,6 +22,9 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 for _name in ("RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_NAMESPACE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
     os.environ.pop(_name, None)
 
+# A standing graph of whoever runs the tests must not be used by them, nor be stopped.
+os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-state-{os.getpid()}")
+
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long anything takes is not tested
 hypothesis.settings.load_profile("untimed")
 

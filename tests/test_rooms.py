@@ -20,6 +20,7 @@ IMPURE = {
     "bow_sim.graph.node_process": {"rclpy", "bow_msgs"},
     "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
+    "bow_classifier.measured_node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.cell_chooser": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.node": {"rclpy", "bow_msgs", "mcap"},
@@ -41,6 +42,7 @@ IMPURE = {
     "bow_sweep.record.verify": {"mcap"},
     "bow_sweep.coordinator.resume": {"mcap"},
     "bow_sweep.processes.supervisor_node": {"rclpy", "bow_msgs"},
+    "bow_sweep.standing.watch": {"rclpy", "bow_msgs"},
     "bow_sweep.explore.packed": {"mcap"},
     "bow_sweep.explore.page": {"bokeh"},
     "bow_sweep.explore.plots": {"bokeh"},
@@ -53,6 +55,7 @@ IMPURE = {
     "bow_sweep.view.map_layers": {"rerun"},
     "bow_sweep.view.rerun_recording": {"rerun"},
     "bow_sweep.view.live_run": {"rerun"},
+    "bow_sweep.view.measured_view": {"rerun"},
 }
 """Modules that may know a framework, and which; every other module is pure, through whatever it imports."""
 

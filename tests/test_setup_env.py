@@ -50,6 +50,7 @@ def env(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
             (venv / "bin" / "python").touch()
 
     monkeypatch.setattr(module, "run", run)
+    monkeypatch.setattr(module, "run_together", lambda jobs: [run(*job) for job in jobs])
     return module
 
 
@@ -157,6 +158,21 @@ def test_kernels_are_compiled_anew_only_after_an_edit(env: ModuleType) -> None:
     Path(env.ROOT, "bow_sim/kernel/block.py").write_text("SAMPLES = 139")
     env.precompile(env.read_record())
     assert env.commands == 2 * compiled
+
+
+def test_two_compilations_run_at_a_time_and_neither_outlives_a_failure_of_the_other(
+    env: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.undo()  # the commands are run now
+    pipe, pid = tmp_path / "pipe", tmp_path / "pid"
+    os.mkfifo(pipe)
+    write, read = ["sh", "-c", f"echo > {pipe}"], ["cat", str(pipe)]  # each waits for the other
+    env.run_together([(write, "writing"), (read, "reading")])
+    fails = ["sh", "-c", f"until test -s {pid}; do sleep 0.01; done; exit 3"]
+    with pytest.raises(SystemExit, match="failing failed"):
+        env.run_together([(["sh", "-c", f"echo $$ > {pid}; exec sleep 60"], "waiting"), (fails, "failing")])
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
 
 
 @pytest.mark.parametrize(

@@ -180,21 +180,43 @@ def clean_environment():
 
 
 def run(command, what):
-    started = time.monotonic()
-    process = subprocess.Popen(command, cwd=ROOT, env=clean_environment())
-    while True:
-        try:
-            failed = process.wait(timeout=30)
-            break
-        except subprocess.TimeoutExpired:
-            say("{}: still at it after {:.0f} s".format(what, time.monotonic() - started))
-        except BaseException:
+    run_together([(command, what)])
+
+
+def run_together(jobs):
+    """Run commands at the same time, each given as (command, what it does); if one fails, end the others and stop."""
+    started = said = time.monotonic()
+    running = []
+    try:
+        for command, what in jobs:
+            running.append((subprocess.Popen(command, cwd=ROOT, env=clean_environment()), command, what))
+        while running:
+            for job in list(running):
+                process, command, what = job
+                try:
+                    failed = process.wait(timeout=1)
+                except subprocess.TimeoutExpired:
+                    continue
+                running.remove(job)
+                if failed:
+                    stop(failure(command, what))
+                say("{}: done in {:.0f} s".format(what, time.monotonic() - started))
+            if running and time.monotonic() - said >= 30:
+                said = time.monotonic()
+                names = " and ".join(what for _, _, what in running)
+                say("{}: still at it after {:.0f} s".format(names, said - started))
+    except BaseException:
+        for process, _, _ in running:
             process.terminate()
-            raise
-    if failed:
-        hint = " (make ... UV=no takes pip instead of uv)" if "pip" in command and PYTHON not in command[:1] else ""
-        stop("{} failed; the lines above say why. Mend that, and type the same command again{}.".format(what, hint))
-    say("{}: done in {:.0f} s".format(what, time.monotonic() - started))
+        for process, _, _ in running:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout=10)
+        raise
+
+
+def failure(command, what):
+    hint = " (make ... UV=no takes pip instead of uv)" if "pip" in command and PYTHON not in command[:1] else ""
+    return "{} failed; the lines above say why. Mend that, and type the same command again{}.".format(what, hint)
 
 
 def create(uv, home):
@@ -290,13 +312,17 @@ def sync(uv, tests):
 
 
 def precompile(record):
-    """Compile the kernels once, so that not every simulator compiles them at the same time."""
+    """Compile kernels and classifier once, so that not every simulator does; both at a time, each takes one core."""
     stamp = kernel_stamp()
     if record.get("kernels") == stamp:
         say("reusing the compiled kernels")
         return
-    run([PYTHON, "-m", "bow_sim.kernel.precompile"], "compiling the kernels")
-    run([PYTHON, "-m", "bow_classifier.precompile"], "compiling the classifier")
+    run_together(
+        [
+            ([PYTHON, "-m", "bow_sim.kernel.precompile"], "compiling the kernels"),
+            ([PYTHON, "-m", "bow_classifier.precompile"], "compiling the classifier"),
+        ]
+    )
     # Seven processes start in every sweep. None should have to compile its sources again, even where
     # PYTHONDONTWRITEBYTECODE is set.
     libraries = glob.glob(os.path.join(VENV, "lib", "python3*", "site-packages"))

@@ -15,7 +15,7 @@ import numpy as np
 from bow_classifier.features.slips import FACTORS, sureness
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, choose
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
@@ -46,7 +46,7 @@ class Corners(NamedTuple):
     sure: float
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _starts(row, at, delay, lowest, highest):
     """Return, as bits, at which of eight samples y may begin to exceed a level between the two."""
     now = load(row, at) - load(row, at - delay)
@@ -54,7 +54,7 @@ def _starts(row, at, delay, lowest, highest):
     return bits_of(((now > lowest) & (before <= highest)) | ((now < -lowest) & (before >= -highest)))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _candidates(row, begin, end, delay, lowest, highest):
     """Return the same for the `_BITS` samples from `begin` on, or those up to the end."""
     found = np.uint64(0)
@@ -68,7 +68,7 @@ def _candidates(row, begin, end, delay, lowest, highest):
     return found
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def count_corners(row, start, delay, level, gap, levels, tally):
     """Return the `Corners` of one cell.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 
 TOLERANCE = 0.05
 """How far an interval between two releases may differ from the nominal period, in parts of it."""
@@ -50,7 +50,7 @@ class Releases(NamedTuple):
         return cls(first, latest, begin, np.zeros(cells, np.int64), found)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def transient_after(i, origin, period, onsets, number, releases):
     """Take the significant slips of a chunk of cell i; return its transient so far, nominal periods.
 

@@ -15,7 +15,7 @@ from bow_classifier.features.periodicity import CONSTANT
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
 from bow_sim.simd.columns import columns
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, choose, root
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
@@ -80,7 +80,7 @@ class Workspace(NamedTuple):
     eight: Any
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _moments(x, begin, n, eight):
     """Return the sums of x and of x squared over n samples; `eight` is workspace, (8,)."""
     s, q = spread(0.0), spread(0.0)
@@ -98,7 +98,7 @@ def _moments(x, begin, n, eight):
     return total, square
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
 
@@ -118,7 +118,7 @@ def _products(x, begin, n, lag, products):
         store(products, i, (a + c) + (b + d))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _slide(x, begin, n, first, last, total, square, totals, squares):
     """Write the sums of the n samples from `begin` - lag on to totals[last - lag], those of squares to squares.
 
@@ -137,7 +137,7 @@ def _slide(x, begin, n, first, last, total, square, totals, squares):
         totals[last - lag], squares[last - lag] = total, square
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth, r):
     """Add Pearson coefficients from sums over n samples to r, eight lags at a time; NaN where a window is constant."""
     for i in range(0, r.shape[0], LANES):
@@ -148,7 +148,7 @@ def _add_coefficients(products, mean, variation, totals, squares, floor, one_nth
         store(r, i, load(r, i) + choose(varies, coefficient, np.nan))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _correlations(x, start, windows, n, first, last, sums, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
@@ -177,7 +177,7 @@ def _correlations(x, start, windows, n, first, last, sums, r):
     return sum_total, sum_square
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = np.nan, np.nan
@@ -194,7 +194,7 @@ def _best_maximum(r):
     return min(height, 1.0), place  # a parabola may rise above what a correlation can be
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _averages(row, averages, eight):
     """Write averages of `COARSE` samples each, the last one at the end of the record; `eight` is workspace, (64,)."""
     count = averages.shape[0]
@@ -212,7 +212,7 @@ def _averages(row, averages, eight):
         averages[k] = total / COARSE
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _coarse(y, n, first, last, sums, r):
     """Write the correlations of the last n of y with those a lag earlier to r[last - lag], lags first ... last."""
     products, totals, squares = sums
@@ -237,18 +237,18 @@ def _coarse(y, n, first, last, sums, r):
     _add_coefficients(products, total * one_nth, variation, totals, squares, square, one_nth, r)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _is_maximum(r, i):
     return r[i - 1] < r[i] >= r[i + 1]
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _within(lag, shortest, longest):
     """Return the middle, in samples, of the fine search around a lag of the coarse one."""
     return min(max(COARSE * lag, shortest), longest)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _highest(r, count, least):
     """Return the place in r of the highest maximum above `least`, -1 for none."""
     found, best = -1, least
@@ -258,7 +258,7 @@ def _highest(r, count, least):
     return found
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _fine(x, samples, period, middle, sums, f):
     """Return height and lag of the largest interior maximum within `BESIDE` of a lag; NaN for none."""
     before = x.shape[0] - samples - f.shape[0]
@@ -267,7 +267,7 @@ def _fine(x, samples, period, middle, sums, f):
     return height, middle + BESIDE - at
 
 
-@njit(nogil=True, error_model="numpy")
+@part(nogil=True, error_model="numpy")
 def long_workspace(samples, period, shortest, longest):
     """Return the workspace for windows of `samples` and the lags shortest ... longest, both samples."""
     n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
@@ -286,7 +286,7 @@ def long_workspace(samples, period, shortest, longest):
     )
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def search_row(row, start, period, shortest, longest, least, workspace):
     """Return height and lag of the shortest of the best long lags of one cell; NaN where none is above `least`.
 

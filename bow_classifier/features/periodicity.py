@@ -15,7 +15,7 @@ import numpy as np
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
 from bow_sim.simd.columns import columns
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, choose, root
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
@@ -69,7 +69,7 @@ class EightMaxima(NamedTuple):
     deviation: Any
 
 
-@njit(nogil=True, error_model="numpy")
+@part(nogil=True, error_model="numpy")
 def periodicity_workspace(samples, period, first, last):
     """Return the workspace for windows of `samples` and the lags first ... last, both samples."""
     lags = -(-(last - first + 1) // _STEP) * _STEP
@@ -78,7 +78,7 @@ def periodicity_workspace(samples, period, first, last):
     return Workspace(x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _take(rows, begin, start, x, level):
     """Write the samples of eight rows from `begin` on to x, (samples, 8), flat, less each row's sample at `start`."""
     end = rows.shape[1]
@@ -90,7 +90,7 @@ def _take(rows, begin, start, x, level):
         columns(rows, at, end, less, x, (at - begin) * LANES)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _moments(x, begin, n):
     """Return the sums of x and of x squared over n samples."""
     s, q, s_odd, q_odd = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
@@ -106,7 +106,7 @@ def _moments(x, begin, n):
     return s + s_odd, q + q_odd
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; four i at a time."""
     for first in range(0, products.shape[0], _STEP * LANES):
@@ -136,7 +136,7 @@ def _products(x, begin, n, lag, products):
         store(products, first + 3 * LANES, d)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _add_coefficient(products, at, mean, variation, total, square, floor, one_nth, r):
     """Add Pearson's coefficient from sums over n samples to r; NaN where a window is constant."""
     variation_b = square - total * total * one_nth
@@ -145,7 +145,7 @@ def _add_coefficient(products, at, mean, variation, total, square, floor, one_nt
     store(r, at, load(r, at) + choose(varies, coefficient, np.nan))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _correlations(x, start, windows, n, first, last, products, r):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
@@ -186,7 +186,7 @@ def _correlations(x, start, windows, n, first, last, products, r):
     return sum_total, sum_square
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _best_maximum(r):
     """Return height and place of the largest interior maximum of r; NaN where there is none."""
     height, place = spread(-np.inf), spread(np.nan)
@@ -205,7 +205,7 @@ def _best_maximum(r):
     return choose(height > 1.0, spread(1.0), height), place  # a parabola may rise above what a correlation can be
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def correlate_eight(rows, start, period, first, last, workspace, result):
     """Write the result of the first test for eight cells to `result`.
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
@@ -42,13 +42,13 @@ class Workspace(NamedTuple):
     x: Any
 
 
-@njit(nogil=True, error_model="numpy")
+@part(nogil=True, error_model="numpy")
 def ripple_workspace(samples):
     """Return the workspace for records of `samples`."""
     return Workspace(np.empty((2, LANES)), np.empty(LANES), np.empty(samples))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _powers(x, n, first, turn, power):
     """Write the power of eight harmonics of the n samples of x, from number `first` on, to power."""
     for k in range(LANES):
@@ -63,7 +63,7 @@ def _powers(x, n, first, turn, power):
     store(power, 0, a * a + b * b)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def ripple_share(row, period, delay, workspace):
     """Return how strong the lines of the ripples are in the last period of the bridge force.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 
 FACTORS = np.array([1.0, 0.8, 0.9, 1.1, 1.2])
 """A threshold is applied with each of these factors; the count is sure if all of them give the same."""
@@ -98,7 +98,7 @@ class Slips(NamedTuple):
     small: int
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def sureness(tally):
     """Return the share of the other `FACTORS` that give the same count as the first; tally is (factors or more,)."""
     same = 0
@@ -107,7 +107,7 @@ def sureness(tally):
     return same / (FACTORS.shape[0] - 1)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _count(total, level, tally):
     """Count a slip that has ended, with every factor of the threshold; return whether it is significant."""
     for j in range(FACTORS.shape[0]):
@@ -115,7 +115,7 @@ def _count(total, level, tally):
     return total > level
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def first_discontinuity(slipping, state):
     """Return the first cell whose chunk does not begin in the state in which the one before ended; -1 for none."""
     for i in range(slipping.shape[0]):
@@ -124,7 +124,7 @@ def first_discontinuity(slipping, state):
     return -1
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def count_slips(i, intervals, samples, level, rise, gap, state, tally, onsets, stops):
     """Return the `Slips` of cell i that end in a chunk.
 

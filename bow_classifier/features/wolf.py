@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
@@ -64,7 +64,7 @@ class Workspace(NamedTuple):
     products: Any
 
 
-@njit(nogil=True, error_model="numpy")
+@part(nogil=True, error_model="numpy")
 def wolf_workspace(state):
     """Return the workspace for a state."""
     values = state.power.shape[1] * state.power.shape[2]
@@ -75,7 +75,7 @@ def wolf_workspace(state):
     )
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _sum_steps(x, count):
     """Write the sum of x[k] and the 15 after it to x[k], of the first `count`; the last 15 are then of no use."""
     for apart in (1, 2, 4, 8):
@@ -83,7 +83,7 @@ def _sum_steps(x, count):
             x[k] += x[k + apart]
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def keep_chunk(i, chunk, row, start, period, stops, number, state, workspace):
     """Keep what a wolf is known by of one chunk of cell i.
 
@@ -121,7 +121,7 @@ def keep_chunk(i, chunk, row, start, period, stops, number, state, workspace):
         counts[min(stops[k] // period, counts.shape[0] - 1)] += 1
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _alternates(i, oldest, counts, share, changes):
     """Return whether the periods of cell i change between one slip and more, often enough."""
     slots, periods = counts.shape[1], counts.shape[2]
@@ -139,7 +139,7 @@ def _alternates(i, oldest, counts, share, changes):
     return share <= part <= 1.0 - share and turns >= changes
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _rms(i, oldest, power, x):
     """Write the r.m.s. over two periods, triangularly weighted, less its mean, to x; return the number of values."""
     slots, values = power.shape[1], power.shape[2]
@@ -162,7 +162,7 @@ def _rms(i, oldest, power, x):
     return count
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _correlate(x, count, lags, products):
     """Write the sum of x[t] x[t + lag] to products[lag] for the lags below `lags`; x is 0 from `count` on."""
     for lag in range(0, lags, LANES):
@@ -177,7 +177,7 @@ def _correlate(x, count, lags, products):
         store(products, lag, (a + c) + (b + d))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def find_beat(i, chunk, state, share, changes, clear, shortest, workspace):
     """Return the beat of cell i after a chunk, periods; NaN where it is no wolf.
 

@@ -2,7 +2,7 @@
 
 A logistic function of six margins, with one row of coefficients for each regime. ``python -m studies.verdicts --fit``
 fitted the coefficients to records whose regime is known; docs/verdicts.md shows how well they predict other records.
-That of wolves is not fitted: all of 13 cells called so were wolves, and the rule of succession gives 14/15.
+That of wolves is the rule of succession: all of 126 strings called so were wolves (``python -m studies.wolves``).
 No coefficient of a margin is negative: the confidence never falls with the distance from a threshold.
 """
 
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 
 MARGINS = ("constant", "correlation", "slips", "corners", "slips whole", "corners whole", "loudness")
 """What the columns of `COEFFICIENTS` multiply:
@@ -37,7 +37,7 @@ COEFFICIENTS = np.array(
         [2.411, 0.324, 0.0, 0.0, 0.0, 0.0, 0.0],  # raman_higher
         [6.131, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],  # anomalous_low_frequency
         [-1.904, 1.709, 0.0, 0.0, 0.152, 0.0, 1.087],  # subharmonic
-        [2.639, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],  # wolf
+        [4.844, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],  # wolf
     ]
 )
 """(regimes, margins): see `bow_classifier.verdict.regimes.DEFINITIONS` for the rows."""
@@ -46,19 +46,19 @@ _FAR = 3.0
 _SMALL = 1e-3
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _whole(number):
     """Return how near a number is to a whole one: 1 for a whole one, 0 half way between two."""
     return 1.0 - 2.0 * abs(number - round(number))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _log_ratio(a, b):
     """Return the logarithm of the ratio of two amounts without its sign, at most `_FAR`."""
     return min(_FAR, abs(math.log((a + _SMALL) / (b + _SMALL))))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def margins(i, features, per_period, limits, out):
     """Write the margins of cell i to `out`.
 
@@ -84,7 +84,7 @@ def margins(i, features, per_period, limits, out):
     out[6] = _log_ratio(features.loudness[i], limits.silence)
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def probability(coefficients, row):
     """Return the logistic function of the weighted margins, 0 ... 1; both arguments are (margins,)."""
     total = 0.0

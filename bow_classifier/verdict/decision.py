@@ -29,7 +29,7 @@ from bow_classifier.verdict.regimes import (
 )
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import CHUNK_PERIODS
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import part
 
 ORDERS = (1, 2)
 """Orders m of anomalous low frequencies (PHYSICS.md section 9)."""
@@ -158,12 +158,12 @@ class Decision(NamedTuple):
         return cls(np.empty(cells, np.uint8), np.empty(cells, np.float32), np.empty((cells, COEFFICIENTS.shape[1])))
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _near(period, place, tolerance):
     return abs(period - place) <= tolerance * place
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _long(period, slips, clusters, beta, limits):
     """Return the regime of a cell with a long period; slips and clusters are counts a period."""
     if slips == 1 or clusters == 1:
@@ -176,7 +176,7 @@ def _long(period, slips, clusters, beta, limits):
     return OTHER_PERIODIC
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, limits):
     """Return the regime of a cell with a period near the nominal one; the four counts are whole numbers a period."""
     # with one slip a period, no cluster begins where the corners follow each other all round the period
@@ -190,7 +190,7 @@ def _near_nominal(slips, clusters, corners, corner_clusters, ripple, beta, limit
     return OTHER_PERIODIC
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def _regime(i, features, limits):
     """Return the regime of cell i: the rules in their order of precedence."""
     if features.beat[i] > 0.0:  # first of all: within five periods a wolf looks like one regime after another
@@ -216,7 +216,7 @@ def _regime(i, features, limits):
     )  # fmt: skip
 
 
-@njit(**LEAN)
+@part(**LEAN)
 def decide_cell(i, features, limits, decision):
     """Write regime, confidence and margins of cell i to `decision`.
 

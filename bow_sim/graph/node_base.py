@@ -91,10 +91,13 @@ class BowNode(Node):
         Clock for everything that waits for other nodes: it stands still while this process is stopped.
     finished, status
         If a node sets `finished`, its process ends with exit status `status`.
+    companions
+        Other nodes of this process.
     """
 
     finished = False
     status = 0
+    companions: tuple[BowNode, ...] = ()
     says_ends = True
     """Whether the log has the common lines when a run opens and closes; a subclass may have better ones."""
 
@@ -139,6 +142,20 @@ class BowNode(Node):
         if between is not None:
             descriptor.integer_range = [IntegerRange(from_value=between[0], to_value=between[1], step=1)]
         return self.declare_parameter(name, default, descriptor).value
+
+    def read_number(self, name: str, default: float, what: str) -> float:
+        """Declare a read-only real parameter, which may be given as a whole number too, and return its value.
+
+        Raises
+        ------
+        StartupError
+            Where it is no number.
+        """
+        descriptor = ParameterDescriptor(description=what, read_only=True, dynamic_typing=True)
+        value = self.declare_parameter(name, default, descriptor).value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise StartupError(f"parameter {name} = {value!r}: should be a number")
+        return float(value)
 
     # ---- what comes in
 

@@ -105,12 +105,13 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
     executor = EventsExecutor()
     try:
         node = make()
-        executor.add_node(node)
-        node.log_ready()
-        while not (signals or node.finished):
+        for each in (node, *node.companions):
+            executor.add_node(each)
+            each.log_ready()
+        while not (signals or any(each.finished for each in (node, *node.companions))):
             executor.spin_once(timeout_sec=0.1)
             note.update()
-        status = node.status
+        status = max(each.status for each in (node, *node.companions))
     except (StartupError, ParameterException) as error:
         print(f"{Path(arguments[0]).name if arguments else 'bow'}: {error}", file=sys.stderr)
         status = 1
@@ -120,17 +121,20 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
     finally:
         if node is not None:
             try:
-                node.close()
-                node.log_end()
-                exit_after(LEAVE_S)
-                node.set_state(Health.CLOSED, LEFT)
+                for each in (*node.companions, node):
+                    each.close()
+                    each.log_end()
+                    exit_after(LEAVE_S)
+                    each.set_state(Health.CLOSED, LEFT)
             except Exception:
                 traceback.print_exc()
                 status = 1
         exit_after(LEAVE_S)
         executor.shutdown()
         if node is not None:
-            node.destroy_node()
+            for each in (*node.companions, node):
+                each.destroy_node()
+            del each
         rclpy.try_shutdown()
         node = None
         del executor

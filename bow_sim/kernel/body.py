@@ -6,7 +6,7 @@ from typing import Any
 
 from numba import types
 
-from bow_sim.simd.jit import INLINE, overload
+from bow_sim.simd.jit import OVERLOAD, overload
 from bow_sim.simd.lanes import LANES, load, store
 
 
@@ -15,7 +15,7 @@ def reflect_at_body(body: Any, arrived: Any, group: Any, u: Any, n: Any) -> None
     raise NotImplementedError
 
 
-@overload(reflect_at_body, strict=False, jit_options=INLINE)
+@overload(reflect_at_body, strict=False, jit_options=OVERLOAD)
 def _overload_reflect_at_body(body: Any, arrived: Any, group: Any, u: Any, n: Any) -> Any:
     if isinstance(body, types.NoneType):
         return lambda body, arrived, group, u, n: None
@@ -55,7 +55,7 @@ def of_body(body: Any, u: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(of_body, strict=False, jit_options=INLINE)
+@overload(of_body, strict=False, jit_options=OVERLOAD)
 def _overload_of_body(body: Any, u: Any) -> Any:
     if isinstance(body, types.NoneType):
         return lambda body, u: ()

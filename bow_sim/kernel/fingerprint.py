@@ -19,6 +19,7 @@ SOURCES = (
     "simd/rows",
     "simd/lanes",
     "simd/jit",
+    "simd/parts",
     "physics/body",
     "physics/friction",
     "physics/friction_curve",

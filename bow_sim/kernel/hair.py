@@ -6,7 +6,7 @@ from typing import Any
 
 from numba import types
 
-from bow_sim.simd.jit import INLINE, overload
+from bow_sim.simd.jit import OVERLOAD, overload
 from bow_sim.simd.lanes import load, store
 
 
@@ -15,7 +15,7 @@ def with_hair(hair: Any, base: Any, v_b: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(with_hair, strict=False, jit_options=INLINE)
+@overload(with_hair, strict=False, jit_options=OVERLOAD)
 def _overload_with_hair(hair: Any, base: Any, v_b: Any) -> Any:
     if isinstance(hair, types.NoneType):
         return lambda hair, base, v_b: v_b
@@ -27,7 +27,7 @@ def pull_hair(hair: Any, base: Any, push: Any, v_h: Any, v: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(pull_hair, strict=False, jit_options=INLINE)
+@overload(pull_hair, strict=False, jit_options=OVERLOAD)
 def _overload_pull_hair(hair: Any, base: Any, push: Any, v_h: Any, v: Any) -> Any:
     if isinstance(hair, types.NoneType):
         return lambda hair, base, push, v_h, v: v

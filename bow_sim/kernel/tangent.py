@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from bow_sim.physics.body import resonators
 from bow_sim.physics.reflection import Body, Ends
 from bow_sim.physics.reflection_text import Reflection
-from bow_sim.simd.jit import njit
+from bow_sim.simd.jit import njit, part
 
 
 class Side(NamedTuple):
@@ -198,7 +198,7 @@ def advance(
     return growth.shape[0]
 
 
-@njit(nogil=True, _nrt=False)
+@part(nogil=True, _nrt=False)
 def _arrive(side: Any, ring: Any, tails: Any, which: Any, t: Any, length: Any) -> Any:
     """Return what arrives now from one side."""
     total = 0.0
@@ -213,7 +213,7 @@ def _arrive(side: Any, ring: Any, tails: Any, which: Any, t: Any, length: Any) -
     return total
 
 
-@njit(nogil=True, _nrt=False)
+@part(nogil=True, _nrt=False)
 def _reflect(modes: Any, z: Any, others: Any, x: Any) -> Any:
     """Return what the body sends back (PHYSICS.md section 11)."""
     force = ((1.0 + modes.rho) * (x - others[0] / 2) + modes.gain * others[1]) * modes.den

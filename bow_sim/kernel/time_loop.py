@@ -21,7 +21,7 @@ from bow_sim.kernel.arguments import Gesture, Output, State, String
 from bow_sim.kernel.body import of_body, reflect_at_body
 from bow_sim.kernel.hair import pull_hair, with_hair
 from bow_sim.physics.friction import solve, state_of
-from bow_sim.simd.jit import INLINE, njit, overload
+from bow_sim.simd.jit import INLINE, OVERLOAD, njit, overload, part
 from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, spread, store
 from bow_sim.simd.rows import fir_of, transpose
 
@@ -36,7 +36,7 @@ def _convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -
     raise NotImplementedError
 
 
-@overload(_convolve, strict=False, jit_options=INLINE)
+@overload(_convolve, strict=False, jit_options=OVERLOAD)
 def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
     if isinstance(taps, types.BaseTuple):
 
@@ -86,7 +86,7 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
     return each
 
 
-@njit(**INLINE)
+@part(**INLINE)
 def _row(position: Any, length: Any) -> Any:
     """Return the row of the ring for a position that may lie before its first row."""
     return position + length if position < 0 else position
@@ -97,7 +97,7 @@ def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(_delayed, strict=False, jit_options=INLINE)
+@overload(_delayed, strict=False, jit_options=OVERLOAD)
 def _overload_delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
     if isinstance(taps, types.NoneType):
         return lambda taps, group, ring, row: load(ring, row * LANES)
@@ -117,7 +117,7 @@ def _add_tail(side: Any, tail: Any, group: Any, start: Any, position: Any, u: An
     raise NotImplementedError
 
 
-@overload(_add_tail, strict=False, jit_options=INLINE)
+@overload(_add_tail, strict=False, jit_options=OVERLOAD)
 def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> Any:
     if isinstance(tail, types.NoneType):
         return lambda side, tail, group, start, position, u, n: None
@@ -135,7 +135,7 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: A
     return add
 
 
-@njit(**INLINE)
+@part(**INLINE)
 def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
     """Compute what arrives from step u on, as far as it has already left, and return the first step not computed."""
     n = min(side.ahead[group], steps - u)
@@ -147,7 +147,7 @@ def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
     return u + n
 
 
-@njit(**INLINE)
+@part(**INLINE)
 def _send(side: Any, group: Any, position: Any, wave: Any) -> Any:
     """Write a step of an outgoing wave into its ring and return the next row."""
     row = group * (side.length + side.guard) + position
@@ -163,7 +163,7 @@ def _shape(table: Any, group: Any, t: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(_shape, strict=False, jit_options=INLINE)
+@overload(_shape, strict=False, jit_options=OVERLOAD)
 def _overload_shape(table: Any, group: Any, t: Any) -> Any:
     if table.ndim == 1:
         return lambda table, group, t: spread(table[t])
@@ -175,7 +175,7 @@ def _keep(traces: Any, i: Any, waves: Any) -> None:
     raise NotImplementedError
 
 
-@overload(_keep, strict=False, jit_options=INLINE)
+@overload(_keep, strict=False, jit_options=OVERLOAD)
 def _overload_keep(traces: Any, i: Any, waves: Any) -> Any:
     if isinstance(traces, types.NoneType):
         return lambda traces, i, waves: None
@@ -188,7 +188,7 @@ def _overload_keep(traces: Any, i: Any, waves: Any) -> Any:
     return keep
 
 
-@njit(**INLINE)
+@part(**INLINE)
 def _note(states: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, intervals: Any) -> None:
     """Note where slips begin and end within some steps; `states` has eight bits a step, one a lane."""
     count, onset, duration, slip = intervals
@@ -209,7 +209,7 @@ def _note(states: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any,
             count[cell] = k + 1
 
 
-@njit(**INLINE)
+@part(**INLINE)
 def _close(slipping: Any, samples: Any, base: Any, totals: Any, intervals: Any) -> None:
     """End the intervals of slips that continue beyond the chunk at its border."""
     count, onset, duration, slip = intervals
@@ -222,7 +222,7 @@ def _close(slipping: Any, samples: Any, base: Any, totals: Any, intervals: Any) 
             count[cell] = k + 1
 
 
-@njit(**INLINE)
+@part(**INLINE)
 def _write(ring: Any, i: Any, steps: Any, out: Any, base: Any, t0: Any) -> None:
     """Write rows from flat index i of a ring into ``out`` (cells, samples) as float32."""
     if steps == STRIDE:

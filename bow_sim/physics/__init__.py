@@ -13,6 +13,8 @@ friction_curve   a friction curve of one's own as text and as a file
 thermal          friction that falls with the temperature of the contact
 schelleng        Schelleng's limits of bow force
 gesture          gestures: bow force and bow speed over time
+usual_axes       which values a setting takes along an axis of a map, where only its name is given
+kinds            axes whose cells cannot share a block: models, thresholds of the verdicts
 applicability    which settings have an effect, and what a user should know of a combination
 cells            cells that differ in a few parameters, as arrays
 modes            impulse response, mode frequencies and Q factors

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bow_sim.physics.cells import Cells
 from bow_sim.physics.friction_curve import Points, parse
 from bow_sim.physics.thermal import Thermal, thermal
-from bow_sim.simd.jit import INLINE, njit, overload
+from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
 from bow_sim.simd.lanes import absolute, choose, load, root, store
 
 
@@ -141,7 +141,7 @@ def curve(load: Any, speed: Any, unit: Any, points: Any, d: Any, f_b: Any, slipp
     return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
 
 
-_hyperbola, _coulomb, _thermal, _curve = (njit(**INLINE)(law) for law in (hyperbola, coulomb, thermal, curve))
+_hyperbola, _coulomb, _thermal, _curve = (part(**INLINE)(law) for law in (hyperbola, coulomb, thermal, curve))
 
 
 def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
@@ -164,7 +164,7 @@ def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, An
     raise NotImplementedError(f"no friction law for {type(law).__name__}: overload bow_sim.physics.friction.solve")
 
 
-@overload(solve, strict=False, jit_options=INLINE)
+@overload(solve, strict=False, jit_options=OVERLOAD)
 def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Hyperbola:
         return None
@@ -173,14 +173,14 @@ def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> An
     )
 
 
-@overload(solve, strict=False, jit_options=INLINE)
+@overload(solve, strict=False, jit_options=OVERLOAD)
 def _solve_coulomb(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Coulomb:
         return None
     return lambda law, lane, d, f_b, slipping: _coulomb(load(law.limit, lane), load(law.slide, lane), d, f_b)
 
 
-@overload(solve, strict=False, jit_options=INLINE)
+@overload(solve, strict=False, jit_options=OVERLOAD)
 def _solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Thermal:
         return None
@@ -205,7 +205,7 @@ def _solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     return solve_thermal
 
 
-@overload(solve, strict=False, jit_options=INLINE)
+@overload(solve, strict=False, jit_options=OVERLOAD)
 def _solve_curve(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Curve:
         return None
@@ -219,7 +219,7 @@ def state_of(law: Any, lane: int) -> tuple[Any, ...]:
     raise NotImplementedError
 
 
-@overload(state_of, strict=False, jit_options=INLINE)
+@overload(state_of, strict=False, jit_options=OVERLOAD)
 def _overload_state_of(law: Any, lane: Any) -> Any:
     if getattr(law, "instance_class", None) is Thermal:
         return lambda law, lane: (load(law.temperature, lane),)

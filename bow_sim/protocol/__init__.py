@@ -6,8 +6,11 @@ cdr             messages as CDR bytes and back
 identity        new identities for runs and nodes
 sweep_spec      the written form of a sweep: settings, and the axes of the map
 repeats         cells repeated with slightly other bow forces
+recording       which streams are recorded
 sweep_outline   axes, blocks and chunks of an announced sweep, and which messages belong to it
+measured        what the plan of a measured string is
 verdict_fields  the fields of a verdict
+inspected       which cells have their waveforms shown
 blocks          which cells are in which block
 limits          how large a sweep may be
 authority       whose plan a node obeys

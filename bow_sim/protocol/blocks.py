@@ -31,6 +31,8 @@ class Blocks:
         Largest number of cells of a block.
     rounds
         Cells of each round, ascending; None: one round of all cells.
+    kinds
+        (cells,) numbers: a block has cells of one kind (:mod:`bow_sim.physics.kinds`). None: all are of one kind.
 
     Attributes
     ----------
@@ -38,17 +40,30 @@ class Blocks:
         Whether rounds were given: then more can follow.
     """
 
-    def __init__(self, cells: int, block_cells: int, rounds: Iterable[NDArray[np.integer]] | None = None) -> None:
+    def __init__(
+        self,
+        cells: int,
+        block_cells: int,
+        rounds: Iterable[NDArray[np.integer]] | None = None,
+        kinds: NDArray[np.integer] | None = None,
+    ) -> None:
         self.cells, self.block_cells, self.adaptive = cells, block_cells, rounds is not None
-        parts = [np.arange(cells)] if rounds is None else rounds
-        self.rounds = tuple(np.asarray(part, np.uint32) for part in parts)
-        starts = list(itertools.accumulate(map(len, self.rounds), initial=0))
+        self.rounds = tuple(np.asarray(each, np.uint32) for each in ([np.arange(cells)] if rounds is None else rounds))
+        self.kinds = kinds
+        parts = [part for each in self.rounds for part in _by_kind(each, kinds)]
+        starts = list(itertools.accumulate(map(len, parts), initial=0))
         cuts = [range(start, end, block_cells) for start, end in itertools.pairwise(starts)]
         self._bounds = [*itertools.chain(*cuts), starts[-1]]
-        self._order = np.concatenate([np.zeros(0, np.uint32), *self.rounds])
+        self._order = np.concatenate([np.zeros(0, np.uint32), *parts])
 
     @classmethod
-    def announced(cls, cells: int, block_cells: int, round_of: NDArray[np.integer]) -> Blocks:
+    def announced(
+        cls,
+        cells: int,
+        block_cells: int,
+        round_of: NDArray[np.integer],
+        kinds: NDArray[np.integer] | None = None,
+    ) -> Blocks:
         """Return the blocks that ``Plan.rounds`` describes, see :meth:`announce`.
 
         Raises
@@ -57,7 +72,7 @@ class Blocks:
             Where it is neither empty nor has one number for each cell, or where a round is missing.
         """
         if not len(round_of):
-            return cls(cells, block_cells)
+            return cls(cells, block_cells, kinds=kinds)
         if len(round_of) != cells:
             raise ParameterError(
                 f"Plan.rounds has {len(round_of)} values: should be none or {cells}, one for each cell"
@@ -66,7 +81,7 @@ class Blocks:
         parts = [np.flatnonzero(round_of == number) for number in numbers]
         if not parts or not all(map(len, parts)):
             raise ParameterError(f"Plan.rounds has rounds {np.unique(round_of[round_of > 0])}: should be 1, 2, 3 ...")
-        return cls(cells, block_cells, parts)
+        return cls(cells, block_cells, parts, kinds)
 
     def announce(self) -> NDArray[np.uint8]:
         """Return ``Plan.rounds``, (cells,): the round of every cell from 1 on, 0 = not planned; (0,) if exhaustive."""
@@ -93,7 +108,7 @@ class Blocks:
             raise ValueError(f"cell {fresh[self.planned[fresh]][0]} is planned already")
         if len(self.rounds) >= MAX_ROUNDS:
             raise ValueError(f"a round after the last: there can be {MAX_ROUNDS}")
-        return Blocks(self.cells, self.block_cells, (*self.rounds, fresh))
+        return Blocks(self.cells, self.block_cells, (*self.rounds, fresh), self.kinds)
 
     def extends(self, other: Blocks) -> bool:
         """Return whether these are the blocks of `other`, and perhaps more."""
@@ -141,3 +156,11 @@ class Blocks:
         for block in blocks:
             out[self.block(block)] = True
         return out
+
+
+def _by_kind(cells: NDArray[np.uint32], kinds: NDArray[np.integer] | None) -> list[NDArray[np.uint32]]:
+    """Return cells divided by their kinds, ascending in each; a round without cells stays one."""
+    if kinds is None or not len(cells):
+        return [cells]
+    own = kinds[cells]
+    return [cells[own == kind] for kind in np.unique(own)]

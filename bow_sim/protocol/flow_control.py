@@ -2,7 +2,8 @@
 
 A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks are
 under way, and none begins while `LIMIT_BYTES` are. A DDS acknowledgement does not count, because it does not show that
-the chunk was written and judged. Unanswered chunks are sent again; both consumers answer a duplicate like the first.
+the chunk was written and judged. A chunk whose streams are not recorded needs no receipt for them: it is answered when
+its verdicts are. Unanswered chunks are sent again; both consumers answer a duplicate like the first.
 """
 
 from __future__ import annotations
@@ -56,10 +57,10 @@ class Window:
         """Whether the next chunk has to wait."""
         return len(self._sent) >= self.limit or sum(entry.size for entry in self._sent.values()) >= LIMIT_BYTES
 
-    def sent(self, key: Key, messages: Iterable[bytes], now: float) -> None:
-        """Note that a chunk is published at `now` (seconds)."""
+    def sent(self, key: Key, messages: Iterable[bytes], now: float, recorded: bool = True) -> None:
+        """Note that a chunk is published at `now` (seconds); `recorded`: the recorder stores its streams."""
         self._quiet_since.setdefault(key[0], now)
-        self._sent[key] = _Sent(tuple(messages))
+        self._sent[key] = _Sent(tuple(messages), receipted=not recorded)
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
         """Note an answer; return whether the chunk is now answered by both consumers."""

@@ -97,9 +97,9 @@ class Repeats:
         if not self.count:
             return
         more, less = 1 + self.jitter, 1 - self.jitter
-        for x_end, y_end in itertools.product(("first", "last"), repeat=2):
+        for (x_end, x_value), (y_end, y_value) in itertools.product(x.tried(), y.tried()):
             try:
-                corner = parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
+                corner = parameters.replace(**{x.name: x_value, y.name: y_value})
                 if corner.sustained:
                     corner.replace(f_asym=corner.f_asym * more, sustained=corner.sustained * more)
                 else:

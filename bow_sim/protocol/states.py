@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+ONE_AT_A_TIME = "one sweep at a time"
+"""How the message of a result of RunSweep ends, where the goal is refused because of another sweep: try again."""
+
 
 class PlanState(IntEnum):
     """Plan.state."""

@@ -20,8 +20,10 @@ from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
+from bow_sim.protocol.measured import is_measured
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
-from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, kinds_of_cells, split
 
 _IDENTIFIER = re.compile("[0-9a-f]{16}")
 
@@ -50,6 +52,8 @@ class SweepOutline:
         Largest share of the cells that may be simulated; 1 = all cells, planned at once.
     repeats
         How the cells are repeated.
+    record
+        Which streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     run_id: str
@@ -64,6 +68,7 @@ class SweepOutline:
     planned: Blocks
     adaptive: float
     repeats: Repeats = NO_REPEATS
+    record: str = DEFAULT
 
     @classmethod
     def of(cls, plan: Mapping[str, Any]) -> SweepOutline:
@@ -87,7 +92,7 @@ class SweepOutline:
         x, y = Axis.of("x", spec.x), Axis.of("y", spec.y)
         check_plane(parameters, x, y)
         repeats.check(parameters, x, y)
-        adaptive = spec.share("adaptive", 1.0)
+        adaptive, cells = spec.share("adaptive", 1.0), repeats.cells(x.count * y.count)
         if (adaptive < 1) != bool(len(rounds)):
             raise ParameterError(f"Plan.rounds has {len(rounds)} values, at adaptive = {adaptive:g}")
         return cls(
@@ -100,9 +105,10 @@ class SweepOutline:
             x=x,
             y=y,
             threshold_settings=spec.classifier,
-            planned=Blocks.announced(repeats.cells(x.count * y.count), block_cells, rounds),
+            planned=Blocks.announced(cells, block_cells, rounds, kinds_of_cells(x, y, cells)),
             adaptive=adaptive,
             repeats=repeats,
+            record=record_of(spec.record),
         )
 
     def grown(self, rounds: NDArray[np.integer]) -> SweepOutline:
@@ -116,10 +122,22 @@ class SweepOutline:
         known = self.planned
         if np.array_equal(rounds, known.announce()):
             return self
-        planned = Blocks.announced(known.cells, known.block_cells, rounds)
+        planned = Blocks.announced(known.cells, known.block_cells, rounds, known.kinds)
         if not planned.extends(known):
             raise ParameterError(f"Plan.rounds: its {planned.count} blocks do not contain the {known.count} known ones")
         return replace(self, planned=planned)
+
+    def followed(self, plan: Mapping[str, Any]) -> SweepOutline:
+        """Return the outline that a later plan of this run gives: with more rounds, or the length of what was measured.
+
+        Raises
+        ------
+        ParameterError
+            As :meth:`grown`, or where the plan of a measured string cannot be.
+        """
+        if is_measured(plan) and tuple(plan["spec.settings"]) != self.settings:
+            return SweepOutline.of(plan)
+        return self.grown(plan["rounds"])
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -145,6 +163,11 @@ class SweepOutline:
     def chunks(self) -> int:
         """Number of chunks, and so of tests, of every block."""
         return self.parameters.chunks
+
+    @property
+    def recorded_chunks(self) -> range:
+        """The chunks of every block whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
 
     @property
     def chunk_samples(self) -> int:

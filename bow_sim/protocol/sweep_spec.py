@@ -1,27 +1,56 @@
 """The written form of a sweep: "name=value" settings.
 
-Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map,
-``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``, and ``repeats``, ``jitter`` and
-``seed`` (:mod:`bow_sim.protocol.repeats`). Here the settings are only sorted into these groups and the axes are read:
-:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline`
-reads the complete settings that a plan announces.
+Names are those of :class:`bow_sim.physics.parameters.Parameters`, ``x.*`` and ``y.*`` for the two axes of the map
+(``x=NAME`` is ``x.name=NAME``), ``classifier.*`` for the thresholds of the verdicts, ``block_cells``, ``adaptive``,
+``repeats``, ``jitter`` and ``seed`` (:mod:`bow_sim.protocol.repeats`), and ``record``
+(:mod:`bow_sim.protocol.recording`). Here the settings are only sorted into these groups and the axes are read:
+:mod:`bow_sweep.plan.sweep` fills in the defaults before a sweep starts, and :mod:`bow_sim.protocol.sweep_outline` reads
+the complete settings that a plan announces.
 """
 
 from __future__ import annotations
 
+import difflib
 import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.parameters import SWEEPABLE_NAMES, TYPES, Parameters, is_sweepable, parse_settings
+from bow_sim.physics.fields import as_number
+from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import (
+    MODEL,
+    MODEL_NAMES,
+    in_order,
+    is_kind,
+    kinds_of,
+    model_name,
+    value_text,
+    with_values,
+)
+from bow_sim.physics.parameters import (
+    FIELDS,
+    SWEEPABLE,
+    SWEEPABLE_NAMES,
+    TYPES,
+    Parameters,
+    is_sweepable,
+    parse_settings,
+)
 from bow_sim.protocol.limits import MAX_CELLS
 
 GROUPS = ("x", "y", "classifier")
 """Prefixes of settings that are not parameters of the string."""
+
+
+VALUES = "values"
+"""Scale of an axis whose values are all given."""
+
+MOST_VALUES = 4096
+"""Largest number of values in ``x.values``: they stand in every message that has the settings."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +60,15 @@ class Axis:
     Attributes
     ----------
     name
-        One for which :func:`bow_sim.physics.parameters.is_sweepable` holds.
+        One for which :func:`bow_sim.physics.parameters.is_sweepable` or :func:`bow_sim.physics.kinds.is_kind` holds.
     scale
-        "log" or "linear".
+        "log", "linear", or "values" where all values are given.
     first, last
         Both included, in the parameter's unit.
     count
         Number of values.
+    given
+        All values, rising or falling, of scale "values"; else (). As a setting it is ``x.values``.
     """
 
     name: str
@@ -45,9 +76,10 @@ class Axis:
     first: float
     last: float
     count: int
+    given: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, key: str, given: Mapping[str, object], default: Axis | None = None) -> Axis:
+    def of(cls, key: str, given: Mapping[str, object]) -> Axis:
         """Read the settings of an axis.
 
         Parameters
@@ -55,34 +87,32 @@ class Axis:
         key
             "x" or "y".
         given
-            Values by the names of the attributes, as text or numbers.
-        default
-            Values of the names that are not given; without it every name must be given.
+            Values by :data:`AXIS_SETTINGS`, as text or numbers. "values" may be left out, where the scale is another.
 
         Raises
         ------
         ParameterError
             For an unknown or missing name, or an axis that cannot be.
         """
-        names = [part.name for part in fields(cls)]
-        if unknown := set(given) - set(names):
-            known = ", ".join(f"{key}.{name}" for name in sorted(names))
-            raise ParameterError(f"{key}.{min(unknown)}: no such setting; the axis has {known}")
-        if default is None and (missing := set(names) - set(given)):
+        check_names(key, given)
+        names = AXIS_SETTINGS[:-1]
+        if missing := set(names) - set(given):
             raise ParameterError(f"there is no setting {key}.{min(missing)}: an axis needs all of {', '.join(names)}")
-        values = {name: given.get(name, getattr(default, name, None)) for name in names}
         axis = cls(
-            name=str(values["name"]),
-            scale=str(values["scale"]),
-            first=real_number(f"{key}.first", values["first"]),
-            last=real_number(f"{key}.last", values["last"]),
-            count=whole_number(f"{key}.count", values["count"]),
+            name=str(given["name"]),
+            scale=str(given["scale"]),
+            first=real_number(f"{key}.first", given["first"]),
+            last=real_number(f"{key}.last", given["last"]),
+            count=whole_number(f"{key}.count", given["count"]),
+            given=read_values(f"{key}.values", given["values"], str(given["name"])) if "values" in given else (),
         )
         axis._check(key)
         return axis
 
     def values(self) -> NDArray[np.float64]:
         """Return the values along the axis, (count,), both ends exact."""
+        if self.given:
+            return np.array(self.given)
         space = np.geomspace if self.scale == "log" else np.linspace
         values: NDArray[np.float64] = space(self.first, self.last, self.count)
         values[0] = self.first
@@ -90,14 +120,36 @@ class Axis:
             values[-1] = self.last
         return values
 
+    def settings(self) -> dict[str, object]:
+        """Return the settings of the axis by name, without ``x.``; :meth:`of` reads them back bit for bit."""
+        own: dict[str, object] = {name: getattr(self, name) for name in AXIS_SETTINGS[:-1]}
+        texts = [value_text(self.name, value, "r") for value in self.given]
+        return own | {"values": f"[{', '.join(texts)}]"} if self.given else own
+
+    def tried(self) -> list[tuple[str, float]]:
+        """Return the values that are checked before a sweep starts, and where each stands: the ends, or all models.
+
+        The ends are enough, because every limit of a number is an interval or another parameter.
+        """
+        if self.name == MODEL:
+            return [(f"model={model_name(value)}", value) for value in self.given]
+        return [("first", self.first), ("last", self.last)]
+
     def _check(self, key: str) -> None:
         """Raise ParameterError, which names the setting, for an axis that cannot be."""
-        if not is_sweepable(self.name):
-            raise ParameterError(f"{key}.name = {self.name!r}: cannot be swept; one of {SWEEPABLE_NAMES}")
-        if self.scale not in ("log", "linear"):
+        check_name(key, self.name)
+        if self.name == MODEL and not self.given:
+            raise ParameterError(f"{key}.name = 'model': needs {key}.values=[{', '.join(MODEL_NAMES[-2:])}] or so")
+        if self.scale not in ("log", "linear", VALUES):
             raise ParameterError(f"{key}.scale = {self.scale!r}: should be 'log' or 'linear'")
+        if (self.scale == VALUES) != bool(self.given):
+            given = f"{key}.values=[{', '.join(f'{value:g}' for value in self.given[:3])}, ...]"
+            raise ParameterError(
+                f"{key}.scale = {self.scale!r}: {f'{given} is given too' if self.given else f'needs {key}.values'}"
+            )
         if not 1 <= self.count <= MAX_CELLS:
             raise ParameterError(f"{key}.count = {self.count}: should be 1 ... {MAX_CELLS}")
+        self._check_given(key)
         for name in ("first", "last"):
             value = getattr(self, name)
             if not np.isfinite(value):
@@ -107,10 +159,92 @@ class Axis:
         if self.count > 1 and self.first == self.last:
             raise ParameterError(f"{key}.last = {self.last}: {self.count} values need it to differ from {key}.first")
         if TYPES.get(self.name) is int and (self.values() % 1).any():
+            if self.given:
+                wrong = next(value for value in self.given if value % 1)
+                raise ParameterError(f"{key}.values: {wrong!r}: {self.name} takes whole numbers")
             raise ParameterError(
                 f"{key}.count = {self.count}: {self.name} takes whole numbers, and {self.first:g} ... {self.last:g} "
                 f"in so many {self.scale} steps are not; for instance {key}.scale=linear and one step each"
             )
+
+    def _check_given(self, key: str) -> None:
+        """Raise ParameterError where the values do not rise or fall, or contradict the other settings."""
+        if not self.given:
+            return
+        steps = np.diff(self.given)
+        if not ((steps > 0).all() or (steps < 0).all()):
+            raise ParameterError(f"{key}.values = {list(self.given)}: should rise or fall throughout, each value once")
+        for name, right in (("first", self.given[0]), ("last", self.given[-1]), ("count", len(self.given))):
+            if getattr(self, name) != right:
+                raise ParameterError(
+                    f"{key}.{name} = {getattr(self, name):g}: {key}.values has {right:g}; leave {key}.{name} out, or "
+                    f"{key}.values"
+                )
+
+
+AXIS_SETTINGS = ("name", "scale", "first", "last", "count", "values")
+"""The settings of an axis, ``x.name`` and so on."""
+
+
+def check_name(key: str, name: str) -> None:
+    """Raise ParameterError where a parameter cannot be the axis `key`; says why, and what would do."""
+    if is_sweepable(name) or is_kind(name):
+        return
+    if name in WHY_NOT:
+        raise ParameterError(f"{key}.name = {name!r}: cannot be swept: {WHY_NOT[name]}")
+    where = f"{key}.name = {name!r}: cannot be swept:"
+    choices = FIELDS[name].metadata.get("choices", ()) if name in FIELDS else tuple(PRESETS.get(name, ()))
+    if name in FIELDS or name in PRESETS:
+        over = f"{name}={','.join(choices[:2]) or '...'}"
+        raise ParameterError(f"{where} it is no number; {_STUDY} {over}")
+    if name in ("block_cells", "adaptive", "repeats", "jitter", "seed"):
+        raise ParameterError(f"{where} it says how a map is computed, not what of; {_STUDY} {name}=...")
+    close = difflib.get_close_matches(name, [*SWEEPABLE, *SI, *WHY_NOT], n=1)
+    right = f"did you mean {close[0]}?" if close else f"one of {SWEEPABLE_NAMES}"
+    raise ParameterError(f"{where} there is no such parameter; {right}")
+
+
+_STUDY = "make a map for each, as by bow study --over"
+
+WHY_NOT = {
+    "period": "all cells of a map have chunks of the same length, five periods. Sweep the note (semitone or f_0, with "
+    f"a body, bow hair or thermal friction), or {_STUDY} period=80,139",
+    "periods": "all cells of a map are simulated for the same time. The map of the longest time has every five periods "
+    f"of the shorter ones; or {_STUDY} periods=50,100",
+}
+"""Why some numbers cannot be an axis, and what would do."""
+
+
+def check_names(key: str, given: Iterable[str]) -> None:
+    """Raise ParameterError for a setting that an axis does not have."""
+    if unknown := set(given) - set(AXIS_SETTINGS):
+        known = ", ".join(f"{key}.{name}" for name in sorted(AXIS_SETTINGS))
+        raise ParameterError(f"{key}.{min(unknown)}: no such setting; the axis has {known}")
+
+
+def read_values(key: str, value: object, name: str = "") -> tuple[float, ...]:
+    """Return the numbers of a list, or of its text such as "[0.1, 0.2, 0.5]"; brackets may be left out.
+
+    Models, where `name` says that it is of these, are names; they come in the order of the hierarchy.
+
+    Raises
+    ------
+    ParameterError
+        Where it has no numbers, something else, or more than `MOST_VALUES`.
+    """
+    if isinstance(value, (list, tuple)):
+        words = list(value)
+    else:
+        words = str(value).strip().removeprefix("[").removesuffix("]").split(",")
+    if len(words) > MOST_VALUES:
+        raise ParameterError(f"{key}: {len(words)} values: should be at most {MOST_VALUES}; or give first, last, count")
+    if name == MODEL:
+        return in_order(words)
+    numbers = [as_number(word.strip().strip("'\"") if isinstance(word, str) else word) for word in words]
+    if None in numbers:
+        wrong = words[numbers.index(None)]
+        raise ParameterError(f"{key}: {wrong!r}: should be finite numbers, as {key}=[0.1,0.2,0.5]")
+    return tuple(number for number in numbers if number is not None)
 
 
 def axis_values(x: Axis, y: Axis, cells: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
@@ -122,11 +256,17 @@ def axis_values(x: Axis, y: Axis, cells: NDArray[np.integer]) -> dict[str, NDArr
     return {x.name: x.values()[ix], y.name: y.values()[iy]}
 
 
+def kinds_of_cells(x: Axis, y: Axis, cells: int) -> NDArray[np.int64] | None:
+    """Return the kind of every cell, (cells,), repeats included; None where all are of one kind."""
+    if not (is_kind(x.name) or is_kind(y.name)):
+        return None
+    return kinds_of(axis_values(x, y, np.arange(cells)))
+
+
 def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
     """Check two axes together with the parameters that all cells share.
 
-    Only the four corners are tried. This is enough, because every limit of a parameter is an interval or another
-    parameter.
+    Only the four corners are tried, and all models, see :meth:`Axis.tried`.
 
     Raises
     ------
@@ -134,10 +274,14 @@ def check_plane(parameters: Parameters, x: Axis, y: Axis) -> None:
         Where both axes are one parameter, or the parameters cannot be at a corner.
     """
     if x.name == y.name:
-        raise ParameterError(f"y.name = {y.name!r}: both axes are this parameter; they should differ")
-    for x_end, y_end in itertools.product(("first", "last"), repeat=2):
+        other = next(name for name in ("f_asym", "f_init_ratio") if name != y.name)
+        raise ParameterError(
+            f"y.name = {y.name!r}: both axes are this parameter; they should differ: set y.name, for instance "
+            f"y.name={other}"
+        )
+    for (x_end, x_value), (y_end, y_value) in itertools.product(x.tried(), y.tried()):
         try:
-            parameters.replace(**{x.name: getattr(x, x_end), y.name: getattr(y, y_end)})
+            with_values(parameters, {x.name: x_value, y.name: y_value})
         except ParameterError as error:
             raise ParameterError(f"at x.{x_end} and y.{y_end}: {error}") from None
 
@@ -155,6 +299,7 @@ class Spec:
     repeats: object = None
     jitter: object = None
     seed: object = None
+    record: object = None
 
     def parameters(self) -> Parameters:
         """Return what is common to all cells; the two swept parameters keep their defaults."""
@@ -199,13 +344,18 @@ def split(settings: Mapping[str, object] | Iterable[str]) -> Spec:
     groups: dict[str, dict[str, object]] = {group: {} for group in GROUPS}
     plain: dict[str, object] = {}
     for key, value in mapping.items():
-        head, dot, tail = key.partition(".")
-        if dot and head in groups:
+        head, _, tail = in_full(key).partition(".")
+        if tail and head in groups:
             groups[head][tail] = value
         else:
             plain[key] = value
-    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed")}
+    own = {key: plain.pop(key, None) for key in ("block_cells", "adaptive", "repeats", "jitter", "seed", "record")}
     return Spec(plain=plain, **groups, **own)  # type: ignore[arg-type]  # each by its own name
+
+
+def in_full(key: str) -> str:
+    """Return the name of a setting: ``x`` is short for ``x.name``."""
+    return f"{key}.name" if key in ("x", "y") else key
 
 
 def whole_number(key: str, value: object) -> int:

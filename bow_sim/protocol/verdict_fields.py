@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,3 +35,8 @@ VERDICT_FIELDS: dict[str, VerdictField] = {
 }
 """Name -> field, in the order of Verdicts.msg, which documents each. The message, the growing map, ``map.npz`` and the
 verdict sets of `bow replay` take their fields from this table."""
+
+
+def differing(recorded: Mapping[str, Any], again: Mapping[str, Any]) -> list[str]:
+    """Return the names of the fields of two verdicts, as arrays, that differ in any byte."""
+    return [name for name in VERDICT_FIELDS if recorded[name].tobytes() != again[name].tobytes()]

@@ -204,8 +204,8 @@ class Announcer(event.Listener):
 
 
 _COMPILED = {
-    "bow_sim": ("the simulator", "5 to 20 s"),
-    "bow_classifier": ("the classifier", "half a minute"),
+    "bow_sim": ("the simulator", "5 to 15 s"),
+    "bow_classifier": ("the classifier", "10 to 15 s"),
 }
 """Package -> what is compiled, and how long that usually takes."""
 

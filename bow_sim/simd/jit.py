@@ -12,6 +12,7 @@ import numba
 from numba import extending
 
 from bow_sim.simd.code_cache import CodeCache
+from bow_sim.simd.parts import OPTIONS, Pipeline, part_of
 
 if numba.config.DISABLE_JIT:
     raise ImportError("the kernels exist in compiled form only: unset NUMBA_DISABLE_JIT")
@@ -21,7 +22,7 @@ def njit(*, cache: bool = False, **options: Any) -> Any:
     """Compile a function as `numba.njit` does; with `cache`, store the code by :mod:`bow_sim.simd.code_cache`."""
 
     def decorate(function: Any) -> Any:
-        dispatcher = numba.njit(**options)(function)
+        dispatcher = numba.njit(no_cfunc_wrapper=True, **options)(function)
         if cache:
             dispatcher._cache = CodeCache(function)
         return dispatcher
@@ -29,9 +30,22 @@ def njit(*, cache: bool = False, **options: Any) -> Any:
     return decorate
 
 
+def part(**options: Any) -> Any:
+    """Compile a function that compiled functions call, once, together with them; see :mod:`bow_sim.simd.parts`."""
+
+    def decorate(function: Any) -> Any:
+        return part_of(function, options)
+
+    return decorate
+
+
 intrinsic: Any = extending.intrinsic
 overload: Any = extending.overload
 register_model: Any = extending.register_model
+lower_builtin: Any = extending.lower_builtin
 
 INLINE: dict[str, Any] = {"nogil": True, "_nrt": False, "forceinline": True}
 """Options of the functions that the time loop calls: no reference counts, and inlined."""
+
+OVERLOAD: dict[str, Any] = {**INLINE, **OPTIONS, "pipeline_class": Pipeline}
+"""The same for `overload`, as parts."""

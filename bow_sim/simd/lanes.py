@@ -14,15 +14,16 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.datamodel import models
+from numba.core.typing.templates import AbstractTemplate, infer_global
 
-from bow_sim.simd.jit import INLINE, intrinsic, overload, register_model
+from bow_sim.simd.jit import intrinsic, lower_builtin, register_model
 
 LANES = 8
 """Lanes in a value: the number of float64 in the widest registers, those of AVX-512."""
@@ -166,6 +167,11 @@ def lowest_bit(typingctx: Any, bits: Any) -> Any:
 # Arithmetic
 
 
+def _lanes_of(a: Any, b: Any) -> Any:
+    """Return which of two types is that of lanes."""
+    return a if isinstance(a, LanesType) else b
+
+
 def _widened(context: Any, builder: Any, lanes: LanesType, values: Any, kinds: Any) -> list[Any]:
     """Emit code that repeats those values that are numbers, after rounding them to the lanes' type."""
     return [
@@ -176,21 +182,6 @@ def _widened(context: Any, builder: Any, lanes: LanesType, values: Any, kinds: A
     ]
 
 
-def _binary(operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> Any:
-    """Return the intrinsic of an operation on two values of lanes, or on lanes and a number."""
-
-    @intrinsic
-    def compute(typingctx: Any, a: Any, b: Any) -> Any:
-        lanes = a if isinstance(a, LanesType) else b
-
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            return operation(builder, *_widened(context, builder, lanes, args, (a, b)))
-
-        return (MASK if mask else lanes)(a, b), codegen
-
-    return compute
-
-
 def _is_lanes(a: Any, b: Any) -> bool:
     """Return whether both are lanes of one type, or one is lanes and the other a number."""
     kinds = [x for x in (a, b) if isinstance(x, LanesType)]
@@ -198,82 +189,69 @@ def _is_lanes(a: Any, b: Any) -> bool:
     return bool(kinds) and all(k is kinds[0] for k in kinds) and all(isinstance(x, types.Number) for x in others)
 
 
-def _define(symbol: Any, operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> None:
-    compute = _binary(operation, mask)
-
-    @overload(symbol, strict=False, jit_options=INLINE)
-    def choose_operation(a: Any, b: Any) -> Any:
-        def compiled(a: Any, b: Any) -> Any:
-            return compute(a, b)
-
-        return compiled if _is_lanes(a, b) else None
+_PAIRS = ((LanesType, LanesType), (LanesType, types.Number), (types.Number, LanesType))
 
 
-_define(operator.add, lambda builder, a, b: builder.fadd(a, b))
-_define(operator.sub, lambda builder, a, b: builder.fsub(a, b))
-_define(operator.mul, lambda builder, a, b: builder.fmul(a, b))
-_define(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
-_define(operator.gt, lambda builder, a, b: builder.fcmp_ordered(">", a, b), mask=True)
-_define(operator.lt, lambda builder, a, b: builder.fcmp_ordered("<", a, b), mask=True)
-_define(operator.ge, lambda builder, a, b: builder.fcmp_ordered(">=", a, b), mask=True)
-_define(operator.le, lambda builder, a, b: builder.fcmp_ordered("<=", a, b), mask=True)
+def _define(symbol: Any, kinds: Any, result: Callable[..., Any], emit: Callable[..., Any]) -> None:
+    """Define an operator or function of lanes as code that is put where it is used.
+
+    With `overload` it would be a function of its own for every type, compiled, linked and inlined for the sake of one
+    instruction.
+
+    Parameters
+    ----------
+    symbol : callable
+    kinds : sequence of tuple of type
+        The types of arguments that it takes.
+    result : callable
+        ``result(*types)`` returns the type of the result; None for types that are none of its.
+    emit : callable
+        ``emit(context, builder, signature, args)`` emits the code.
+    """
+
+    @infer_global(symbol)
+    class _Typing(AbstractTemplate):
+        metadata: ClassVar[dict[str, str]] = {"target": "cpu"}  # before Numba's own operators, of which there are many
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            found = result(*args) if len(args) == len(kinds[0]) and not kws else None
+            return None if found is None else found(*args)
+
+    for kind in kinds:
+        lower_builtin(symbol, *kind)(emit)
 
 
-@intrinsic
-def _and(typingctx: Any, a: Any, b: Any) -> Any:
-    return MASK(MASK, MASK), lambda context, builder, signature, args: builder.and_(*args)
+def _define_binary(symbol: Any, operation: Callable[[Any, Any, Any], Any], mask: bool = False) -> None:
+    """Define an operator for two values of lanes, or for lanes and a number."""
+
+    def result(a: Any, b: Any) -> Any:
+        return (MASK if mask else _lanes_of(a, b)) if _is_lanes(a, b) else None
+
+    def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return operation(builder, *_widened(context, builder, _lanes_of(*signature.args), args, signature.args))
+
+    _define(symbol, _PAIRS, result, emit)
 
 
-@intrinsic
-def _or(typingctx: Any, a: Any, b: Any) -> Any:
-    return MASK(MASK, MASK), lambda context, builder, signature, args: builder.or_(*args)
+_define_binary(operator.add, lambda builder, a, b: builder.fadd(a, b))
+_define_binary(operator.sub, lambda builder, a, b: builder.fsub(a, b))
+_define_binary(operator.mul, lambda builder, a, b: builder.fmul(a, b))
+_define_binary(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
+_define_binary(operator.gt, lambda builder, a, b: builder.fcmp_ordered(">", a, b), mask=True)
+_define_binary(operator.lt, lambda builder, a, b: builder.fcmp_ordered("<", a, b), mask=True)
+_define_binary(operator.ge, lambda builder, a, b: builder.fcmp_ordered(">=", a, b), mask=True)
+_define_binary(operator.le, lambda builder, a, b: builder.fcmp_ordered("<=", a, b), mask=True)
 
 
-@overload(operator.and_, strict=False, jit_options=INLINE)
-def _overload_and(a: Any, b: Any) -> Any:
-    def compiled(a: Any, b: Any) -> Any:
-        return _and(a, b)
+def _define_of_masks(symbol: Any, operation: Callable[[Any, Any, Any], Any]) -> None:
+    def result(a: Any, b: Any) -> Any:
+        return MASK if a is MASK and b is MASK else None
 
-    return compiled if a is MASK and b is MASK else None
-
-
-@overload(operator.or_, strict=False, jit_options=INLINE)
-def _overload_or(a: Any, b: Any) -> Any:
-    def compiled(a: Any, b: Any) -> Any:
-        return _or(a, b)
-
-    return compiled if a is MASK and b is MASK else None
+    _define(symbol, [(MaskType, MaskType)], result, lambda context, builder, signature, args: operation(builder, *args))
 
 
-def _unary(name: str) -> Any:
-    """Return the intrinsic of one of LLVM's vector functions, exactly rounded."""
-
-    @intrinsic
-    def compute(typingctx: Any, a: Any) -> Any:
-        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-            kind = ir.FunctionType(vector(a), [vector(a)])
-            full = f"llvm.{name}.v{LANES}{_SUFFIX[a.dtype]}"
-            return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), args)
-
-        return a(a), codegen
-
-    return compute
-
-
-_absolute, _root = _unary("fabs"), _unary("sqrt")
-
-
-@intrinsic
-def _negative(typingctx: Any, a: Any) -> Any:
-    return a(a), lambda context, builder, signature, args: builder.fneg(args[0])
-
-
-@overload(operator.neg, strict=False, jit_options=INLINE)
-def _overload_neg(a: Any) -> Any:
-    def compiled(a: Any) -> Any:
-        return _negative(a)
-
-    return compiled if isinstance(a, LanesType) else None
+_define_of_masks(operator.and_, lambda builder, a, b: builder.and_(a, b))
+_define_of_masks(operator.or_, lambda builder, a, b: builder.or_(a, b))
 
 
 def absolute(x: Any) -> Any:
@@ -292,38 +270,42 @@ def choose(mask: Any, yes: Any, no: Any) -> Any:
     return np.where(mask, yes, no)[()]
 
 
-@overload(absolute, strict=False, jit_options=INLINE)
-def _overload_absolute(x: Any) -> Any:
-    def compiled(x: Any) -> Any:
-        return _absolute(x)
+def _define_unary(symbol: Any, operation: Callable[[Any, Any, LanesType], Any]) -> None:
+    def result(a: Any) -> Any:
+        return a if isinstance(a, LanesType) else None
 
-    return compiled if isinstance(x, LanesType) else None
+    def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return operation(builder, args[0], signature.args[0])
 
-
-@overload(root, strict=False, jit_options=INLINE)
-def _overload_root(x: Any) -> Any:
-    def compiled(x: Any) -> Any:
-        return _root(x)
-
-    return compiled if isinstance(x, LanesType) else None
+    _define(symbol, [(LanesType,)], result, emit)
 
 
-@overload(choose, strict=False, jit_options=INLINE)
-def _overload_choose(mask: Any, yes: Any, no: Any) -> Any:
-    def compiled(mask: Any, yes: Any, no: Any) -> Any:
-        return _select(mask, yes, no)
+def _llvm(name: str) -> Callable[[Any, Any, LanesType], Any]:
+    """Return what emits a call of one of LLVM's vector functions, exactly rounded."""
 
-    return compiled if mask is MASK and _is_lanes(yes, no) else None
+    def call(builder: Any, value: Any, lanes: LanesType) -> Any:
+        kind = ir.FunctionType(vector(lanes), [vector(lanes)])
+        full = f"llvm.{name}.v{LANES}{_SUFFIX[lanes.dtype]}"
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), [value])
+
+    return call
 
 
-@intrinsic
-def _select(typingctx: Any, mask: Any, yes: Any, no: Any) -> Any:
-    lanes = yes if isinstance(yes, LanesType) else no
+_define_unary(operator.neg, lambda builder, a, lanes: builder.fneg(a))
+_define_unary(absolute, _llvm("fabs"))
+_define_unary(root, _llvm("sqrt"))
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.select(args[0], *_widened(context, builder, lanes, args[1:], (yes, no)))
 
-    return lanes(mask, yes, no), codegen
+def _chosen(mask: Any, yes: Any, no: Any) -> Any:
+    return _lanes_of(yes, no) if mask is MASK and _is_lanes(yes, no) else None
+
+
+def _emit_choice(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    values = _widened(context, builder, signature.return_type, args[1:], signature.args[1:])
+    return builder.select(args[0], *values)
+
+
+_define(choose, [(MaskType, *pair) for pair in _PAIRS], _chosen, _emit_choice)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any) -> Any:

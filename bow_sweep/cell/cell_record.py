@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
+from bow_sim.physics.kinds import value_text
 from bow_sim.physics.parameters import CHUNK_PERIODS, Parameters
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.cell.waveform import Waveform
@@ -147,4 +148,9 @@ class CellRecord(Waveform):
     def title(self) -> str:
         """The cell and the values of its two parameters, as text."""
         repeat = f", repeat {self.repeat}" if self.repeat else ""
-        return f"cell {self.cell}{repeat}: {self.x_name} {self.x:.4g}, {self.y_name} {self.y:.4g}"
+        return f"cell {self.cell}{repeat}: {self.place()}"
+
+    def place(self, equals: str = " ", form: str = ".4g") -> str:
+        """Return the values of its two parameters, as text."""
+        both = ((self.x_name, self.x), (self.y_name, self.y))
+        return ", ".join(f"{name}{equals}{value_text(name, value, form)}" for name, value in both)

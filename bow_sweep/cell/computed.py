@@ -7,6 +7,7 @@ alone has the samples that it had in its block, where the kernel is the same: sa
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,15 @@ import numpy as np
 from bow_sim.block_request import BlockRequest, encode_chunk
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol import cdr
+from bow_sim.physics.kinds import common
+from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.cell_record import CellTests
 from bow_sweep.cell.parameters import Plane, lanes
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import verdicts
 from bow_sweep.plan.sweep import Sweep
+from bow_sweep.record.again import Kernel, checksum
 
 
 def compute(plane: Plane, cell: int, periods: int | None = None) -> Waveform:
@@ -41,16 +44,16 @@ def compute(plane: Plane, cell: int, periods: int | None = None) -> Waveform:
     CellError
         For values that cannot be simulated.
     """
-    common = plane.parameters if periods is None else plane.parameters.replace(periods=periods)
+    shared = plane.parameters if periods is None else plane.parameters.replace(periods=periods)
     try:
-        block = Block(common, lanes(plane, np.array([cell])))
+        block = Block(*common(shared, lanes(plane, np.array([cell])))[:2])
     except ParameterError as error:
         raise CellError(f"cell {cell}: {error}") from None
     parts = []
-    for _ in range(common.chunks):
+    for _ in range(shared.chunks):
         chunk = block.advance()
-        parts.append(part_of(0, common.chunk_samples, chunk.bridge_force.reshape(-1), chunk._asdict()))
-    return joined(parts, common.chunk_samples)
+        parts.append(part_of(0, shared.chunk_samples, chunk.bridge_force.reshape(-1), chunk._asdict()))
+    return joined(parts, shared.chunk_samples)
 
 
 def judged(sweep: Sweep, cell: int) -> tuple[CellTests, float]:
@@ -72,12 +75,32 @@ def chunk_checksums(plane: Plane, block: int, cells: np.ndarray) -> list[int]:
     block, cells
         Number of the block, and its cells.
     """
-    identity: dict[str, Any] = {"run_id": "", "sweep_id": "", "block": block, "attempt": 0, "cells": cells}
-    request = BlockRequest(identity, Block(plane.parameters, lanes(plane, cells)))
-    out = []
+    identity = {"run_id": "", "sweep_id": "", "block": block, "cells": cells}
+    return [checksum(*messages) for messages in _messages(plane, identity)]
+
+
+def kernel() -> Kernel:
+    """Return the kernel of this machine, for what computes blocks of a bag again."""
+    from bow_sim.kernel.fingerprint import fingerprint
+
+    return Kernel(fingerprint(), block_streams)
+
+
+def block_streams(outline: SweepOutline, block: int) -> Iterator[tuple[bytes, bytes]]:
+    """Compute a block again; yield the messages BridgeForce and StickSlip of each of its chunks.
+
+    Raises
+    ------
+    ParameterError
+        For values that cannot be simulated.
+    """
+    identity = {"run_id": outline.run_id, "sweep_id": outline.sweep_id, "block": block, "cells": outline.block(block)}
+    yield from _messages(outline, identity)
+
+
+def _messages(plane: Plane, identity: Mapping[str, Any]) -> Iterator[tuple[bytes, bytes]]:
+    block = Block(*common(plane.parameters, lanes(plane, identity["cells"]))[:2])
+    request = BlockRequest({**identity, "attempt": 0}, block)
     for chunk in range(request.chunks):
-        messages, _ = encode_chunk(request, chunk, request.block.advance(), "", ())
-        names = ("BridgeForce", "StickSlip")
-        sums = [int(cdr.decode_head(name, data)["checksum"]) for name, data in zip(names, messages, strict=True)]
-        out.append(cdr.chunk_checksum(block, chunk, *sums))
-    return out
+        messages, _ = encode_chunk(request, chunk, block.advance(), "", ())
+        yield messages

@@ -127,6 +127,8 @@ class BagCells:
         parts = []
         for chunk in range(self.outline.chunks):
             if any((block, chunk) not in self._survey.places[topic] for topic in ("bridge_force", "stick_slip")):
+                if chunk not in self.outline.recorded_chunks:
+                    raise DamagedCell(f"cell {cell}: {self._not_recorded(chunk)}")
                 have = f"{self.chunks_of(cell)} of {self.outline.chunks} chunks"
                 raise DamagedCell(f"cell {cell}: the bag has {have} of its block {block}; chunk {chunk} is missing")
             try:
@@ -153,11 +155,16 @@ class BagCells:
     def _stream(self, topic: str, name: str, block: int, chunk: int) -> dict[str, Any]:
         place = self._survey.places[topic].get((block, chunk))
         if place is None:
+            if chunk not in self.outline.recorded_chunks:
+                raise DamagedCell(self._not_recorded(chunk))
             raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
         try:
             return self.outline.unseal(name, self._read(place))
         except (BagError, cdr.WireError, OSError) as error:
             raise DamagedCell(f"block {block}, chunk {chunk} of the bag is damaged: {error}") from None
+
+    def _not_recorded(self, chunk: int) -> str:
+        return f"the run was recorded with record={self.outline.record}, without the waveforms of chunk {chunk}"
 
     def force(self, cell: int, chunk: int) -> np.ndarray | None:
         """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.protocol import cdr
 from bow_sweep.cell.waveform import CellError, Waveform
 from bow_sweep.maps.slips import Pieces, join
 
@@ -51,14 +52,16 @@ def partings(bag: BagCells, progress: Callable[[float, float], object] | None = 
     Parameters
     ----------
     bag
-        Of a run with repeats. All of its slips are read, and their checksums computed again.
+        Of a run with repeats. All of its slips are read, or computed again where the streams are not recorded, and
+        their checksums are compared with the recorded ones.
     progress
         Called with (done, total).
 
     Returns
     -------
     ndarray, shape (repeats, ny, nx)
-        Nominal periods; infinity = never, NaN where one of the two motions is not whole in the bag.
+        Nominal periods; infinity = never, NaN where one of the two motions is not whole in the bag, or has another
+        checksum when it is computed again.
     """
     outline = bag.outline
     cells, ny_nx = outline.plane_cells, outline.shape
@@ -88,13 +91,27 @@ def onsets_of(bag: BagCells, block: int) -> list[Onsets]:
     DamagedCell
         Where a message is missing, or its checksum does not hold.
     """
-    chunks = []
-    for chunk in range(bag.outline.chunks):
-        slips = bag.stick_slip(block, chunk)
-        chunks.append(Pieces(*(np.asarray(slips[name]) for name in Pieces._fields)))
+    chunks = [Pieces(*(slips[name] for name in Pieces._fields)) for slips in _slips(bag, block)]
     whole = join(chunks, bag.outline.chunk_samples)
     ends = np.cumsum(np.bincount(whole.cell, minlength=bag.outline.planned.size(block)))
     return np.split(whole.start, ends[:-1])
+
+
+def _slips(bag: BagCells, block: int) -> Iterator[Mapping[str, Any]]:
+    """Yield the fields of StickSlip of each chunk of a block: read, or computed again where they are not recorded."""
+    from bow_sweep.cell.computed import block_streams
+    from bow_sweep.cell.from_bag import DamagedCell
+    from bow_sweep.record.again import checksum
+
+    if len(bag.outline.recorded_chunks) == bag.outline.chunks:
+        yield from (bag.stick_slip(block, chunk) for chunk in range(bag.outline.chunks))
+        return
+    if bag.checksum(block, 0) is None:
+        raise DamagedCell(f"block {block} has no verdicts in the bag")
+    for chunk, (force, slip) in enumerate(block_streams(bag.outline, block)):
+        if checksum(force, slip) != bag.checksum(block, chunk):
+            raise DamagedCell(f"block {block}, chunk {chunk}: computed again it has another checksum")
+        yield cdr.decode("StickSlip", slip)
 
 
 def median_parting(found: NDArray[np.float32]) -> NDArray[np.float32]:

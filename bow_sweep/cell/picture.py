@@ -42,9 +42,7 @@ def picture(portrait: Portrait) -> Figure:
     facts = dict(portrait.facts())
     model = MODEL_NAMES.get(record.parameters.model, record.parameters.model)
     caption = f"{model};  transient {facts['transient']};  {facts['pitch at the end']}"
-    page = Page(
-        HEIGHT, f"Cell {record.cell}  {record.x_name} = {record.x:.4g}, {record.y_name} = {record.y:.4g}", caption
-    )
+    page = Page(HEIGHT, f"Cell {record.cell}  {record.place(' = ')}", caption)
     parts = page.figure.subplot_mosaic(
         [["force", "force"], ["speed", "speed"], ["pitch", "pitch"], ["zoom", "fast"], ["plane", "lines"]],
         height_ratios=[1.25, 1.25, 0.9, 1.25, 1.7],

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bow_sim.physics.instruments import in_si
+from bow_sim.physics.kinds import value_text
 from bow_sweep.cell import analysis
 from bow_sweep.cell.analysis import Harmonics, Spectrum
 from bow_sweep.cell.cell_record import CellRecord
@@ -66,7 +67,7 @@ class Portrait:
         record = self.record
         tests = record.tests
         values = ((record.x_name, record.x), (record.y_name, record.y))
-        lines = [(name, f"{value:.6g} {unit_of(name)}".rstrip()) for name, value in values]
+        lines = [(name, f"{value_text(name, value, '.6g')} {unit_of(name)}".rstrip()) for name, value in values]
         if si := in_si(vars(record.parameters)):
             words = [f"{name} {value:.4g} {unit_of(name)}".rstrip() for name, value in si.items()]
             lines.append(("in SI units", ", ".join(words)))

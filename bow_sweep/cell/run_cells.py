@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.kinds import number_of
 from bow_sim.physics.parameters import FIELDS
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 from bow_sweep.cell.cell_record import CellRecord, CellTests
@@ -142,7 +143,10 @@ class RunCells:
                     raise CellError(f"{axis.name}: is not given; a cell needs {_and(names)}")
                 index.append(0)
                 continue
-            value = float(values[axis.name])
+            try:
+                value = number_of(axis.name, values[axis.name])
+            except ParameterError as error:
+                raise CellError(str(error)) from None
             index.append(place(axis.name, value, axis.values, axis.scale))
         return index[1] * axes[0].count + index[0]
 

@@ -4,6 +4,10 @@ parser        the parser of all commands, and what runs one
 sweep         `bow sweep`
 sweep_jobs    the runs that `bow sweep` is to make
 sweep_report  what `bow sweep` prints of a run that is finished
+study         `bow study`
+study_report  what `bow study` writes and prints of a study that is finished
+optimise      `bow optimise`
+map_runs      several maps run one after the other
 inspect       `bow inspect`
 transient     `bow transient`
 edges         `bow edges`
@@ -18,6 +22,7 @@ compare       `bow compare`
 explore       `bow explore`
 repeats       `bow repeats`
 export        `bow export`
+plot          `bow plot`
 classify      `bow classify`
 settings      `bow settings`
 nodes         `bow coordinator`, `bow simulator` and so on

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from bow_sweep.maps.compare import Compared
+    from bow_sweep.maps.differing import Differing
 
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import DONE
@@ -23,9 +24,10 @@ def add_command(commands: Any) -> None:
     """Add the parser of `compare`; its default `run` takes the parsed arguments."""
     parser = commands.add_parser(
         "compare",
-        help="compare runs: terrain and playability",
+        help="compare runs: settings, terrain and playability",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Measure how easy a string is to play in each of several runs, and print a table: the share of\n"
+        description="Print which settings differ between several runs, and what else made them: presets, kernel,\n"
+        "classifier, versions. Then measure how easy the string is to play in each, as a table: the share of\n"
         "gestures that reach Helmholtz motion, their largest contiguous area, median and interquartile range of\n"
         "their transient lengths, the length of the boundary, and the areas of the five kinds of terrain in\n"
         "section IV.B of the paper:\n\n"
@@ -52,7 +54,7 @@ def add_command(commands: Any) -> None:
 def _compare(args: argparse.Namespace) -> int:
     from bow_sim.figures.page import FigureError, check_path
     from bow_sweep.figures.terrain import draw_comparison
-    from bow_sweep.maps.compare import as_json, compare, notes
+    from bow_sweep.maps.compare import as_json, compare, notes, programs_that_differ, settings_that_differ
     from bow_sweep.maps.map_file import MapFileError
 
     try:
@@ -67,7 +69,13 @@ def _compare(args: argparse.Namespace) -> int:
         from rich.console import Console
 
         width = None if sys.stdout.isatty() else 200
-        Console(width=width, highlight=False, markup=False).print(_table(found))
+        console = Console(width=width, highlight=False, markup=False)
+        names = [each.name for each in found]
+        settings, programs = settings_that_differ(found), programs_that_differ(found)
+        console.print(_differing(names, settings, "settings that differ") if settings else "no setting differs")
+        if programs:
+            console.print(_differing(names, programs, "made by"))
+        console.print(_table(found))
         for note in notes(found):
             print(f"note: {note}")
     if args.out:
@@ -77,6 +85,25 @@ def _compare(args: argparse.Namespace) -> int:
             return fail(f"--out {args.out}: cannot be written: {error.strerror}")
         print(f"wrote {args.out}", file=sys.stderr if args.json else sys.stdout)
     return DONE
+
+
+LONGEST = 48
+"""Letters of a value in the table of settings; a longer one is cut."""
+
+
+def _differing(names: Sequence[str], rows: Sequence[Differing], title: str) -> Table:
+    """Return what differs between runs as a table: a row for each setting, a column for each run."""
+    from rich.table import Table
+
+    shown = Table(title=title, title_justify="left")
+    units = any(row.unit for row in rows)
+    for heading in ("setting" if units else "", *names, *(["unit"] if units else [])):
+        shown.add_column(heading)
+    for row in rows:
+        values = ["-" if value is None else value or "none" for value in row.values]
+        cut = [value if len(value) <= LONGEST else value[: LONGEST - 1] + "\u2026" for value in values]
+        shown.add_row(row.name, *cut, *([row.unit] if units else []))
+    return shown
 
 
 def _table(found: Sequence[Compared]) -> Table:

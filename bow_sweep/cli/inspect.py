@@ -113,11 +113,15 @@ def check_sound(args: argparse.Namespace) -> None:
 
 def _chosen(args: argparse.Namespace, cells: RunCells) -> list[int]:
     """Return the cells that were asked for, each once."""
+    from bow_sim.physics.kinds import value_text
     from bow_sweep.cell.waveform import CellError
 
     if not (args.places or args.cells):
-        axes = " and ".join(f"{a.name} from {a.values[0]:g} to {a.values[-1]:g}" for a in cells.map.axes)
-        example = ",".join(f"{a.name}={a.values[len(a.values) // 2]:.3g}" for a in cells.map.axes)
+        axes = " and ".join(
+            f"{a.name} from {value_text(a.name, a.values[0], 'g')} to {value_text(a.name, a.values[-1], 'g')}"
+            for a in cells.map.axes
+        )
+        example = ",".join(f"{a.name}={value_text(a.name, a.values[a.count // 2], '.3g')}" for a in cells.map.axes)
         raise CellError(f"no cell is chosen: the map has {axes}; for instance --at {example}")
     chosen = [cells.nearest(values_in(text)) for text in args.places] + args.cells
     if wrong := [repeat for repeat in args.repeats if not 0 <= repeat <= cells.repeats]:
@@ -136,13 +140,17 @@ def values_in(text: str) -> dict[str, float]:
     CellError
         For a text of another form.
     """
+    from bow_sim.physics.errors import ParameterError
+    from bow_sim.physics.kinds import number_of
     from bow_sweep.cell.waveform import CellError
 
     values = {}
     for part in text.split(","):
         name, separator, value = (word.strip() for word in part.partition("="))
         try:
-            number = float(value)
+            number = number_of(name, value)
+        except ParameterError as error:
+            raise CellError(f"--at {text}: {error}") from None
         except ValueError:
             separator = ""
         if not separator or not name:

@@ -17,12 +17,17 @@ from bow_sweep.cli import (
     figure,
     inspect,
     nodes,
+    optimise,
+    plot,
     recover,
     repeats,
     replay,
     settings,
+    status,
+    study,
     sweep,
     transient,
+    up,
     validate,
     verify,
 )
@@ -40,9 +45,11 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    looked_at = sweep, inspect, explore, transient, edges, repeats, exponent, figure, validate, compare
-    for module in (*looked_at, verify, replay, recover, export, classify, settings):
+    looked_at = sweep, study, optimise, inspect, explore, transient, edges, repeats, exponent, figure, validate
+    for module in (*looked_at, compare, plot, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
+    up.add_commands(commands)
+    status.add_command(commands)
     nodes.add_commands(commands)
     return top
 

@@ -24,7 +24,7 @@ def add_command(commands: Any) -> None:
         description="Say what the repeats of a run of `bow sweep --set repeats=8` tell: in how many cells they end as\n"
         "the cell itself, regime by regime, and after how many periods their motions part from that of the cell. A\n"
         "motion parts at the first slip that begins more than 3 samples earlier or later. The slips are read from the\n"
-        "run's bag, and their checksums are checked.",
+        "run's bag, or computed again where it does not hold them, and their checksums are checked.",
         epilog="examples:\n"
         "  bow sweep fig11d --nx 32 --ny 16 --set repeats=8 --out runs/sure\n"
         "  bow repeats runs/sure --plot sure.png\n"
@@ -90,6 +90,9 @@ def _print(cells: RunCells, found: np.ndarray | None) -> None:
         warn(f"{cells.directory}: has no bag, so it is not known when the motions part")
         return
     known = ~np.isnan(found)
+    if not known.any() and cells.bag is not None and cells.bag.outline.record != "all":
+        record = cells.bag.outline.record
+        warn(f"the slips are not recorded (record={record}), and this kernel gives others: nothing is known of them")
     if known.any():
         print(f"\nmotions part after {_median(found)} periods (median); {np.isinf(found[known]).mean():.3f} never do")
 

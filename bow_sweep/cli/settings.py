@@ -10,8 +10,12 @@ from typing import Any
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics import body
 from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import MODEL, THRESHOLD
 from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.usual_axes import usual
+from bow_sim.protocol.recording import DEFAULT, RECORD
 from bow_sim.protocol.repeats import MAX_SEED, Repeats
+from bow_sweep.plan.axes import of_threshold
 from bow_sweep.plan.preset_files import schema
 from bow_sweep.plan.sweep import ADAPTIVE_BLOCKS, BLOCKS, LEAST_BLOCK, MOST_BLOCK, X_AXIS, Y_AXIS, Sweep
 from bow_sweep.processes.exit_status import DONE
@@ -37,22 +41,32 @@ def _settings(args: argparse.Namespace) -> int:
     for prefix, kind in (("", Parameters), ("classifier.", Thresholds)):
         for name, field in sorted(kind.__dataclass_fields__.items()):
             print(f"{prefix}{name} = {field.default}")
-            print(textwrap.indent(_describe(field) + _other_ways(name) * (not prefix), "    "))
+            text = _describe(field) + _other_ways(name) * (not prefix) + _as_axis(f"{prefix}{name}")
+            print(textwrap.indent(text, "    "))
     for name, quantity in SI.items():
         needs = f"; needs {' and '.join(quantity.needs)}" if quantity.needs else ""
         unit = f" [{quantity.unit}]" if quantity.unit else ""
-        print(f"{name}\n    {quantity.doc}{unit}; {_FORMULAS.get(name, f'sets {quantity.same}')}{needs}; PHYSICS.md 10")
+        sets = _FORMULAS.get(name, f"sets {quantity.same}")
+        text = f"{quantity.doc}{unit}; {sets}{needs}; PHYSICS.md 10{_as_axis(name)}"
+        print(name, textwrap.indent(text, "    "), sep="\n")
     for what, (unit, meaning) in body.KINDS.items():
         print(f"body_1_{what}, body_2_{what}, ...")
-        print(f"    of one mode of the body: {meaning}{f' [{unit}]' if unit else ''}; > 0; PHYSICS.md 11")
+        own = f" [{unit}]" if unit else ""
+        text = f"of one mode of the body: {meaning}{own}; > 0; PHYSICS.md 11{_as_axis(f'body_1_{what}')}"
+        print(textwrap.indent(text, "    "))
     for name, presets in PRESETS.items():
         print(f"{name}\n    sets what follows; {_SOURCES.get(name, 'PHYSICS.md 10')}")
         for preset, values in presets.items():
             print(f"    {preset}: {', '.join(f'{key} {value:g}' for key, value in values.items())}")
     for axis, defaults in (("x", X_AXIS), ("y", Y_AXIS)):
-        for name, value in vars(defaults).items():
+        for name, value in defaults.settings().items():
             print(f"{axis}.{name} = {value}")
-    print("    the axes of the map: a parameter's name, log or linear, first and last value, how many")
+    print(
+        "x.values\ny.values\n"
+        "    the axes of the map: a parameter's name, log or linear, first and last value, how many; or all\n"
+        "    values, as x.values=[0.1,0.2,0.5]. x=NAME is short for x.name=NAME. Scale, first and last value\n"
+        "    that are not given are those after 'axis' at that setting"
+    )
     print(
         f"block_cells\n    cells that one simulator runs together; unless set, {LEAST_BLOCK} ... {MOST_BLOCK}: a "
         f"{BLOCKS}th of the plane,\n    a {ADAPTIVE_BLOCKS}th of an adaptive sweep's"
@@ -66,6 +80,9 @@ def _settings(args: argparse.Namespace) -> int:
         f"jitter = {Repeats.jitter:g}\n    largest relative deviation of f_asym and of f_init in a repeat; 0 ... 1\n"
         f"seed = {Repeats.seed}\n    another one gives other deviations; 0 ... {MAX_SEED} (PHYSICS.md section 15)"
     )
+    print(f"record = {DEFAULT}\n    what the bag holds beside the verdicts, which are always recorded")
+    for name, meaning in RECORD.items():
+        print(f"    {name}: {meaning}")
     return DONE
 
 
@@ -80,6 +97,17 @@ _FORMULAS = {
 """How a value in SI units gives that of the paper's setting."""
 
 _SOURCES = {"bridge": "PHYSICS.md 3 and 10", "hair": "PHYSICS.md 12", "rosin": "PHYSICS.md 13"}
+
+
+def _as_axis(name: str) -> str:
+    """Return the usual axis of a setting on a line of its own; "" where it cannot be an axis."""
+    if name == MODEL:
+        return "\naxis: all models, or those of x.values=[raman,stiff_cremer]"
+    if name.startswith(THRESHOLD):
+        return "\naxis: {0.scale} {0.first:g} ... {0.last:g}".format(of_threshold(name.removeprefix(THRESHOLD)))
+    if (found := usual(name)) is not None:
+        return f"\naxis: {found}"
+    return f"\naxis: that of {SI[name].same}, in SI units" if name in SI else ""
 
 
 def _other_ways(name: str) -> str:

@@ -1,10 +1,14 @@
-"""The command `bow sweep`: runs one sweep, or all sweeps of a campaign."""
+"""The command `bow sweep`: runs one sweep, or all sweeps of a campaign, which is a study over presets."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import shlex
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +17,19 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
-from bow_sweep.cli.sweep_report import print_campaign, print_run, self_check
+from bow_sweep.cli.study_report import print_study
+from bow_sweep.cli.sweep_report import print_run, self_check
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.plan.preset_files import choose
 from bow_sweep.plan.presets import presets
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, QUARANTINED, USAGE
-from bow_sweep.run.campaign import campaigns
+from bow_sweep.study.campaigns import campaigns
 from bow_sweep.view.wanted import Wanted, WantedError, wanted
 
 if TYPE_CHECKING:
     from bow_sweep.cli.sweep_jobs import Work
+    from bow_sweep.processes.progress import Display, Progress
+    from bow_sweep.standing.client import Graph
     from bow_sweep.view.viewer import Screen
 
 MOST_A_CORE = 8
@@ -53,12 +60,13 @@ def add_command(commands: Any) -> None:
         help="run a sweep on this machine, recorded and classified",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Start the graph on this machine (loopback only, unless --network is given), run a sweep, and "
-        "write a run directory.",
+        "write a run directory. Where `bow up` has started a graph that fits, the sweep uses that.",
         epilog=f"presets:\n{names}\n\ncampaigns, several sweeps one after the other:\n{more}\n\nexamples:\n"
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
         "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
+        "  bow sweep fig11d --record verdicts        a small bag: waveforms are computed again when asked for\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
         "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
@@ -77,13 +85,21 @@ def add_command(commands: Any) -> None:
     parser.add_argument("--ny", metavar="N", help="cells along y (f_init/f_asym)")
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
     parser.add_argument("--adaptive", metavar="F", help="simulate at most this share of the cells, predict the others")
+    parser.add_argument(
+        "--record",
+        metavar="WHAT",
+        help="what the bag holds beside the verdicts: all streams (the default), last (those of the last five periods) "
+        "or verdicts (none); what is left out can be computed again to the bit, and `bow verify` proves it",
+    )
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument(
         "--simulators",
         metavar="N",
         type=int,
-        default=bounded(cores(), cores()),
         help="processes (default: one a core)",
+    )
+    parser.add_argument(
+        "--own-graph", action="store_true", help="start a graph for this sweep, even if `bow up` has started one"
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
     parser.add_argument(
@@ -112,12 +128,14 @@ def add_command(commands: Any) -> None:
     parser.set_defaults(run=_sweep)
 
 
-_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive")}
+_SAME = {name: name for name in ("model", "v_mid", "periods", "adaptive", "record")}
 _SHORT = {**_SAME, "nx": "x.count", "ny": "y.count"}
 """Option -> the setting that it gives."""
 
 
 def _sweep(args: argparse.Namespace) -> int:
+    args.asked_simulators = args.simulators
+    args.simulators = cores() if args.simulators is None else args.simulators
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
     if not environment_is_ready():
@@ -150,7 +168,8 @@ def _sweep(args: argparse.Namespace) -> int:
         return fail(str(error))
     most = bounded(args.simulators, cores())
     if most < args.simulators:
-        warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
+        if args.asked_simulators:
+            warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
         args.simulators = most
     from bow_sweep.view.viewer import Screen
 
@@ -167,8 +186,8 @@ def _run_and_report(args: argparse.Namespace, work: Work, dashboard: Wanted, scr
     status = run_jobs(args, work, dashboard, screen, left_out)
     if status != DONE:
         return status
-    if work.campaign:
-        quarantined = print_campaign(work.campaign, work.owned.directory, left_out)
+    if work.study:
+        quarantined = print_study(work.study, work.owned.directory, left_out)
     else:
         quarantined = print_run(work.owned.directory, left_out, nothing_to_do=not work.jobs)
     return QUARANTINED if quarantined else DONE
@@ -182,13 +201,15 @@ def run_jobs(
     Parameters
     ----------
     args
-        With `simulators`, `no_sync` and `no_lock`.
+        With `simulators`, `no_sync` and `no_lock`; perhaps with `own_graph`, and with `asked_simulators`, the number
+        that the user gave.
     command
         With which the user goes on after an interruption; "" for that of a resumed sweep.
     """
     from bow_sweep.processes.progress import Display
     from bow_sweep.processes.run_graph import run_graph
     from bow_sweep.processes.supervisor import GraphError
+    from bow_sweep.run.errors import RunError
 
     owned, jobs = work.owned, work.jobs
     display = Display()
@@ -199,50 +220,92 @@ def run_jobs(
     runs = [job.directory for job in jobs]
     total = sum(job.sweep.budget for job in jobs)
     before = 0
+
+    def show(progress: Progress | None, waiting: str) -> None:
+        display.show(progress, waiting, time.monotonic())
+
     if args.no_lock:
         display.print_line("the run directory is not locked: make sure that no other process is at work on it")
     try:
-        for number, job in enumerate(jobs, 1):
-            p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
-            name = job.sweep.preset or (job.directory.name if len(jobs) > 1 else "sweep")
-            display.begin(f"{name} ({number} of {len(jobs)})" if len(jobs) > 1 else "", before, total)
-            repeats = job.sweep.repeats.count
-            repeated = f" and {repeats} repeats of each" if repeats else ""
-            display.print_line(
-                f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells{repeated}, {p.periods} periods, "
-                f"{args.simulators} simulators -> {job.directory}"
-            )
-            for note in job.sweep.notes:
-                display.print_line(f"note: {note}")
-            if discovery.goes_beyond(os.environ):
+        with _standing_graph(args, dashboard, screen, display) if jobs else nullcontext() as graph:
+            for number, job in enumerate(jobs, 1):
+                p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
+                name = job.sweep.preset or (job.directory.name if len(jobs) > 1 else "sweep")
+                display.begin(f"{name} ({number} of {len(jobs)})" if len(jobs) > 1 else "", before, total)
+                repeats = job.sweep.repeats.count
+                repeated = f" and {repeats} repeats of each" if repeats else ""
                 display.print_line(
-                    f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"
+                    f"{name}: {p.model}, v_mid = {p.v_mid:g}, {x.count} x {y.count} cells{repeated}, "
+                    f"{p.periods} periods, {graph.state.simulators if graph else args.simulators} simulators -> "
+                    f"{job.directory}"
                 )
-            job.directory.mkdir(exist_ok=True)
-            left_out += run_graph(
-                job.directory,
-                job.run_id,
-                job.sweep,
-                resume=job.resume,
-                simulators=args.simulators,
-                dashboard=dashboard.dashboard and not left_out,  # one that failed once would fail again
-                display=display,
-                screen=screen,
-                sync=not args.no_sync,
-                lock=not args.no_lock,
-            )
-            if problem := self_check(job.directory, display.print_line, whole=job.resume):
-                display.stop()
-                owned.release(*runs)
-                return fail(problem, FAILED)
-            before += job.sweep.budget
+                for note in job.sweep.notes:
+                    display.print_line(f"note: {note}")
+                if discovery.goes_beyond(os.environ):
+                    display.print_line(
+                        f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"
+                    )
+                job.directory.mkdir(exist_ok=True)
+                shown = dashboard.dashboard and not left_out  # one that failed once would fail again
+                if graph is not None:
+                    directory, resume = job.directory, job.resume
+                    graph.run(job.sweep, directory, job.run_id, progress=show, resume=resume, dashboard=shown)
+                else:
+                    left_out += run_graph(
+                        job.directory,
+                        job.run_id,
+                        job.sweep,
+                        resume=job.resume,
+                        simulators=args.simulators,
+                        dashboard=shown,
+                        display=display,
+                        screen=screen,
+                        sync=not args.no_sync,
+                        lock=not args.no_lock,
+                    )
+                if problem := self_check(job.directory, display.print_line, whole=job.resume):
+                    display.stop()
+                    owned.release(*runs)
+                    return fail(problem, FAILED)
+                before += job.sweep.budget
     except KeyboardInterrupt:
         display.stop()
         begun = owned.release(*runs)
         return fail(f"interrupted; {f'nothing is lost, {again}' if begun else unbegun}", INTERRUPTED)
-    except (GraphError, OSError) as error:
+    except (GraphError, RunError, OSError) as error:
         display.stop()
         return fail(f"{error}\n{again if owned.release(*runs) else unbegun}", FAILED)
     display.stop()
     owned.release(*runs)
     return DONE
+
+
+@contextlib.contextmanager
+def _standing_graph(
+    args: argparse.Namespace, dashboard: Wanted, screen: Screen, display: Display
+) -> Iterator[Graph | None]:
+    """Yield a client of the standing graph; None where there is none, or the sweep needs a graph of its own."""
+    from bow_sweep.standing.fits import objection, since
+    from bow_sweep.standing.state import default_folder, read_state
+
+    state = None if getattr(args, "own_graph", False) else read_state(default_folder())
+    if state is None:
+        yield None
+        return
+    problem = objection(
+        state,
+        simulators=getattr(args, "asked_simulators", None),
+        dashboard=dashboard.dashboard,
+        watched=bool(screen.uri),
+        sync=not args.no_sync,
+        lock=not args.no_lock,
+    )
+    if problem:
+        display.print_line(f"the graph of `bow up` is not used, {problem}")
+        yield None
+        return
+    from bow_sweep.standing.client import connect
+
+    display.print_line(f"uses the graph of `bow up`, there since {since(state)}; --own-graph does without it")
+    with connect() as graph:
+        yield graph

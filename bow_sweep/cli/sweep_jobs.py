@@ -1,4 +1,4 @@
-"""The runs that a `bow sweep` command is to make: new ones, or those of a directory that are not finished."""
+"""The runs that a `bow sweep` or `bow study` is to make: new ones, or those of a directory that are not finished."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from bow_sim.protocol.identity import random_id
 from bow_sweep.plan.preset_files import Chosen, save
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.new_directory import SUPERVISOR, OwnedDirectory, create_directory, open_directory
-from bow_sweep.run.campaign import FILE, Campaign, campaigns
+from bow_sweep.run.directory import CAMPAIGN, STUDY, RunError
 from bow_sweep.run.lock import take
+from bow_sweep.study.campaigns import campaign, campaigns, study_in
+from bow_sweep.study.plan import Study
 
 
 @dataclass(frozen=True)
@@ -32,20 +34,20 @@ class Work(NamedTuple):
     Attributes
     ----------
     owned
-        The run directory, or the directory of the campaign.
-    campaign
-        The campaign that the jobs belong to; None for a single run.
+        The run directory, or the directory of the study.
+    study
+        The study that the jobs belong to; None for a single run.
     jobs
         The runs, in order; empty where all are finished.
     """
 
     owned: OwnedDirectory
-    campaign: Campaign | None
+    study: Study | None
     jobs: list[Job]
 
 
 def begin(chosen: Chosen, settings: Sequence[str], out: Path | None, lock: bool, save_as: Path | None) -> Work:
-    """Create the directory of a new sweep or campaign; return the runs to make.
+    """Create the directory of a new sweep, or of a campaign; return the runs to make.
 
     Parameters
     ----------
@@ -67,54 +69,100 @@ def begin(chosen: Chosen, settings: Sequence[str], out: Path | None, lock: bool,
     RunError, OSError
         Where the directory cannot be created or used.
     """
-    campaign = Campaign.of(chosen.preset, settings) if chosen.preset in campaigns() else None
-    if campaign and save_as:
-        raise ParameterError(f"--save-preset {save_as}: {campaign.name} is several sweeps; a preset is one")
-    sweeps = campaign.sweeps() if campaign else {"": Sweep.from_spec(chosen.preset, settings)}
+    if chosen.preset in campaigns():
+        if save_as:
+            raise ParameterError(f"--save-preset {save_as}: {chosen.preset} is several sweeps; a preset is one")
+        return begin_study(campaign(chosen.preset, settings), chosen.label, out, lock)
+    sweep = Sweep.from_spec(chosen.preset, settings)
     if save_as:
-        save(save_as, sweeps[""], f"after {chosen.label}" if chosen.label else save_as.stem)
-    owned = create_directory(out, chosen.label or sweeps[""].parameters.model, lock)
+        save(save_as, sweep, f"after {chosen.label}" if chosen.label else save_as.stem)
+    owned = create_directory(out, chosen.label or sweep.parameters.model, lock)
+    return Work(owned, None, [Job(owned.directory, random_id(), sweep)])
+
+
+def begin_study(study: Study, label: str, out: Path | None, lock: bool) -> Work:
+    """Create the directory of a new study; return the runs to make.
+
+    Parameters
+    ----------
+    label
+        First part of a default name of the directory.
+    out, lock
+        As for :func:`begin`.
+
+    Raises
+    ------
+    ParameterError
+        Where a map of it cannot be.
+    RunError, OSError
+        Where the directory cannot be created or used.
+    """
+    members = study.members
+    owned = create_directory(out, label, lock)
     try:
-        if campaign:
-            campaign.begin(owned.directory)
+        study.begin(owned.directory)
     except OSError:
         owned.release()
         raise
-    jobs = [Job(owned.directory / name, random_id(), sweep) for name, sweep in sweeps.items()]
-    return Work(owned, campaign, jobs)
+    return Work(owned, study, [Job(owned.directory / each.name, random_id(), each.sweep) for each in members])
 
 
 def resume(directory: Path, lock: bool) -> Work:
-    """Open the directory of a run or campaign; return the runs that are not finished. Repairs their ledgers and bags.
+    """Open the directory of a run or study; return the runs that are not finished. Repairs their ledgers and bags.
 
     Raises
     ------
     RunError, OSError
         Where it cannot be resumed.
     """
+    if any((directory / name).exists() for name in (STUDY, CAMPAIGN)):
+        return resume_study(directory, lock)
     owned = open_directory(directory, lock)
     try:
-        if not (directory / FILE).exists():
-            return Work(owned, None, unfinished(directory, lock))
-        campaign = Campaign.in_directory(directory)
-        jobs: list[Job] = []
-        for preset, sweep in campaign.sweeps().items():
-            run = directory / preset
-            if not has_begun(run):
-                jobs.append(Job(run, random_id(), sweep))
-            else:
-                jobs += unfinished(run, lock)
-        return Work(owned, campaign, jobs)
+        return Work(owned, None, unfinished(directory, lock))
     except BaseException:
         owned.release()
         raise
 
 
-def unfinished(directory: Path, lock: bool) -> list[Job]:
-    """Return the job to resume a run, or none where it is finished; print what was found in ledger and bag."""
+def resume_study(directory: Path, lock: bool = True) -> Work:
+    """Open the directory of a study; return the runs that are not finished. Repairs their ledgers and bags.
+
+    Raises
+    ------
+    RunError, OSError
+        Where there is no study, or a run of it cannot be resumed.
+    """
+    study = study_in(directory)
+    owned = open_directory(directory, lock)
+    try:
+        jobs: list[Job] = []
+        for member in study.members:
+            run = directory / member.name
+            if not has_begun(run):
+                jobs.append(Job(run, random_id(), member.sweep))
+            else:
+                jobs += unfinished(run, lock, member.sweep)
+        return Work(owned, study, jobs)
+    except BaseException:
+        owned.release()
+        raise
+
+
+def unfinished(directory: Path, lock: bool, wanted: Sweep | None = None) -> list[Job]:
+    """Return the job to resume a run, or none where it is finished; print what was found in ledger and bag.
+
+    Raises
+    ------
+    RunError
+        Where it cannot be resumed, or is another sweep than the one `wanted`.
+    """
     from bow_sweep.coordinator.resume import prepare
 
     run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), lock)
+    if wanted is not None and run.sweep.settings() != wanted.settings():
+        other = sorted({*run.sweep.settings()} ^ {*wanted.settings()})[0]
+        raise RunError(f"{directory}: is a run of other settings than its study ({other}); move it away")
     return [] if run.complete else [Job(directory, run.run_id, run.sweep, resume=True)]
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from bow_sim.graph import environment
+from bow_sim.physics.parameters import parse_settings
+from bow_sim.protocol.recording import DEFAULT
 from bow_sweep.cli.terminal import warn
 from bow_sweep.maps.reliability import in_words
-from bow_sweep.run.campaign import Campaign, report
 
 MENTIONED_S = 2.0
 """A self-check that takes longer is mentioned."""
@@ -25,10 +25,17 @@ FILES = {
     "map.png": "the basin map, to look at",
     "map.npz": "the same as arrays",
     "dashboard.rrd": "rerun {path}",
-    "bag": "every sample, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
+    "bag": "{held}, rosbag2/MCAP: ros2 bag play, rosbags, Foxglove, rerun",
     "report.json": "accounts, versions, parameters",
 }
 """Files of a run directory that are for people; the pictures may be missing."""
+
+HELD = {
+    "all": "every sample",
+    "last": "every verdict, and the samples of the last five periods",
+    "verdicts": "every verdict, no samples",
+}
+"""What is in the bag, by what the run recorded."""
 
 
 def self_check(directory: Path, print_line: Callable[[str], None], *, whole: bool) -> str:
@@ -90,63 +97,11 @@ def print_run(directory: Path, left_out: Sequence[Path], *, nothing_to_do: bool)
     """
     found: dict[str, Any] = json.loads((directory / "report.json").read_text())
     nothing = "nothing to do: every block of this run is done or quarantined\n\n" if nothing_to_do else ""
-    _print(nothing + _summary(directory, found, left_out))
+    print_text(nothing + _summary(directory, found, left_out))
     return bool(found["cells"]["quarantined"])
 
 
-def print_campaign(campaign: Campaign, directory: Path, left_out: Sequence[Path]) -> bool:
-    """Write report.json of a finished campaign, draw its figure if it has one, and print its summary.
-
-    Parameters
-    ----------
-    campaign
-        What was to be run.
-    directory
-        Directory of the campaign, with a run directory for each preset.
-    left_out
-        Logs of the processes that a sweep went on without.
-
-    Returns
-    -------
-    bool
-        Whether blocks were quarantined.
-    """
-    found = report(directory, campaign)
-    drawn = _draw(campaign, directory)
-    _print("\n".join([campaign.title, *map(_left_out, left_out), ""]))
-    for preset, run in found["runs"].items():
-        length = run["median_transient_periods"]
-        _print(
-            f"  {preset:10} Helmholtz motion in {run['helmholtz_fraction']:.3f} of {_of_plane(run)} cells"
-            + (f", median transient {length:g} periods" if length else "")
-        )
-    cells = found["cells"]
-    _print(
-        f"\n{cells['done']} of {cells['planned']} cells, {cells['quarantined']} quarantined, "
-        f"in {found['wall_seconds']:.1f} s\n\n{directory}/\n"
-        + ("  maps.png        all maps, to look at\n" if drawn else "")
-        + "  report.json     all accounts\n"
-        f"  {', '.join(campaign.presets)}: a run directory each\n\n"
-        f"check one: bow verify {shlex.quote(str(directory / campaign.presets[0]))}"
-    )
-    return bool(cells["quarantined"])
-
-
-def _draw(campaign: Campaign, directory: Path) -> bool:
-    """Draw the figure that a campaign makes; return whether there is one now."""
-    from bow_sweep.cli.figure import draw_maps
-
-    if not campaign.figure:
-        return False
-    try:
-        draw_maps(campaign.figure, [directory / preset for preset in campaign.presets], directory / "maps.png")
-    except Exception as error:  # the runs are good without it; MapFileError: settings that make it another figure
-        print(f"bow: no picture of figure {campaign.figure}: {error}", file=sys.stderr)
-        return False
-    return True
-
-
-def _print(text: str) -> None:
+def print_text(text: str) -> None:
     """Print to stdout; where that fails, the sweep is still done."""
     try:
         print(text, flush=True)
@@ -155,7 +110,8 @@ def _print(text: str) -> None:
         warn(f"the sweep is done, but standard output: {error.strerror}")
 
 
-def _left_out(log: Path) -> str:
+def left_out_line(log: Path) -> str:
+    """Return what is said of a process that a sweep went on without, by its log."""
     return f"without {log.stem} to its end: see {log}"
 
 
@@ -180,6 +136,7 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
     repeats = found.get("repeats")
     if repeats:
         whole = "the map"
+    held = HELD[parse_settings(found["settings"]).get("record", DEFAULT)]
     number = f" ({_of_plane(found)} of the map and their repeats)" if repeats else ""
     lines = [
         f"{cells['done']} of {cells['planned']} cells{number} in {found['wall_seconds']:.1f} s; "
@@ -187,11 +144,12 @@ def _summary(directory: Path, found: dict[str, Any], left_out: Sequence[Path]) -
         f"at the last test: {regimes}",
         *_in_si(found),
         *(in_words(repeats) if repeats else ()),
-        *map(_left_out, left_out),
+        *map(left_out_line, left_out),
         "",
         f"{directory}/",
         *(
-            f"  {name + '/' * (directory / name).is_dir():15} {what.format(path=shlex.quote(str(directory / name)))}"
+            f"  {name + '/' * (directory / name).is_dir():15} "
+            + what.format(path=shlex.quote(str(directory / name)), held=held)
             for name, what in FILES.items()
             if (directory / name).exists()
         ),

@@ -29,6 +29,8 @@ class ActiveRun:
         Seconds of the wall clock.
     goal
         UUID of the goal that asked for the run; None if parameters of the node did.
+    dashboard
+        Whether a dashboard, where there is one, draws the run.
     done_before
         Cells that were done when the run was resumed.
     cancelled
@@ -45,6 +47,7 @@ class ActiveRun:
     basin: Basin
     began: float
     goal: bytes | None
+    dashboard: bool = True
     done_before: int = field(init=False)
     cancelled: bool = False
     closed_at: float | None = None

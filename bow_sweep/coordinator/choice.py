@@ -18,6 +18,7 @@ import numpy as np
 from bow_sim.block_request import BlockRequest, encode_chunk
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.kinds import common, number_of, value_text
 from bow_sim.physics.parameters import parse_settings
 from bow_sweep.cell.parameters import place
 from bow_sweep.cell.waveform import CellError
@@ -93,8 +94,8 @@ def cell_of(sweep: Sweep, at: Sequence[str], cell: int) -> int:
         if name not in given and axis.count > 1:
             raise ChoiceError(f"{name} is not given; a cell of this map needs {' and '.join(axes)}")
         try:
-            index[name] = place(name, float(given[name]), axis.values(), axis.scale) if name in given else 0
-        except CellError as error:
+            index[name] = place(name, number_of(name, given[name]), axis.values(), axis.scale) if name in given else 0
+        except (CellError, ParameterError) as error:
             raise ChoiceError(str(error)) from None
         except ValueError:
             raise ChoiceError(f"{name} = {given[name]!r}: should be a number") from None
@@ -110,7 +111,9 @@ def values_of(sweep: Sweep, cell: int) -> tuple[float, float]:
 def in_words(sweep: Sweep, cell: int) -> str:
     """Return a cell and its parameters as text."""
     x, y = values_of(sweep, cell)
-    return f"cell {cell}: {sweep.x.name} = {x:.4g}, {sweep.y.name} = {y:.4g}"
+    return (
+        f"cell {cell}: {sweep.x.name} = {value_text(sweep.x.name, x)}, {sweep.y.name} = {value_text(sweep.y.name, y)}"
+    )
 
 
 def waveform(run: Run, cell: int, incarnation: str, clock: Callable[[], int]) -> Iterator[bytes]:
@@ -136,7 +139,7 @@ def waveform(run: Run, cell: int, incarnation: str, clock: Callable[[], int]) ->
         "y": [y],
         "spec.settings": sweep.settings(),
     }
-    request = BlockRequest(message, Block(sweep.parameters, sweep.lanes(cells)))
+    request = BlockRequest(message, Block(*common(sweep.parameters, sweep.lanes(cells))[:2]))
     for chunk in range(request.chunks):
         yield encode_chunk(request, chunk, request.block.advance(), incarnation, cells.tolist(), clock())[1][0]
 

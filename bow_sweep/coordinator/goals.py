@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol.states import ONE_AT_A_TIME
 from bow_sweep.coordinator.session_events import GoalAccepted, GoalRefused
 from bow_sweep.plan.sweep import Sweep
 
@@ -58,7 +59,7 @@ class GoalGate:
             Which nodes are missing, in words; empty if none is.
         """
         if self._held is not None:
-            return GoalRefused(goal.goal, "another goal waits for recorder and classifier; one sweep at a time")
+            return GoalRefused(goal.goal, f"another goal waits for recorder and classifier; {ONE_AT_A_TIME}")
         if not missing:
             return goal
         self._held, self._until = goal, now + self._patience

@@ -49,6 +49,7 @@ from bow_sweep.coordinator.session_events import (
 from bow_sweep.coordinator.standard_messages import diagnostics_message, image_message, regimes_message
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.run.directory import Run, RunError
+from bow_sweep.run.places import find_place
 
 HELP = """
 usage: ros2 run bow coordinator [--ros-args -r __ns:=/bow/RUN -p preset:=fig11d -p settings:="[x.count=16]"
@@ -82,6 +83,7 @@ class CoordinatorNode(BowNode):
             "run_dir": "exact directory of the next run, instead of one below runs_dir",
             "run_id": "identity of the next run, 16 hexadecimal digits; empty = random",
             "resume": "directory of a run to resume at once",
+            "places": "folder of notes that say where runs go, see `bow up`",
         }
         defaults = {"runs_dir": "runs"}
         text = {name: self.read_parameter(name, defaults.get(name, ""), what) for name, what in texts.items()}
@@ -96,6 +98,7 @@ class CoordinatorNode(BowNode):
         )
         self._gate = GoalGate(patience)
         self._runs_dir, self._run_dir, self._run_id = Path(text["runs_dir"]), text["run_dir"], text["run_id"]
+        self._places = Path(text["places"]) if text["places"] else None
         self._goals: dict[bytes, Any] = {}
         self._results: dict[bytes, RunSweep.Result] = {}
         self._cancelled: list[bytes] = []
@@ -136,7 +139,7 @@ class CoordinatorNode(BowNode):
                 given = RunGiven(*resume(Path(text["resume"]).absolute(), self.get_logger().warning, self._locks))
             elif text["preset"] or any(settings):
                 sweep = Sweep.from_spec(text["preset"], [setting for setting in settings if setting])
-                given = RunGiven(self._create_run(sweep))
+                given = self._create_run(sweep)
             else:
                 given = None
         except (RunError, ParameterError) as error:
@@ -147,11 +150,25 @@ class CoordinatorNode(BowNode):
         else:
             self._handle(given)
 
-    def _create_run(self, sweep: Sweep) -> Run:
-        """Create the directory of a run; `run_id` and `run_dir` count for the first one only."""
+    def _create_run(self, sweep: Sweep, goal: bytes = b"") -> RunGiven:
+        """Create the directory of a run, or resume the one that is there, if its place says so.
+
+        `run_id` and `run_dir` count for the first one only. The run of a goal has a place if there is a note for the
+        first eight bytes of the goal's UUID: these are its run_id then.
+        """
+        wanted = goal[:8].hex()
+        place = find_place(self._places, wanted)
+        if place is not None and place.resume:
+            run, layers = resume(place.directory, self.get_logger().warning, self._locks)
+            if run.run_id == wanted:
+                return RunGiven(run, layers, place.dashboard)
+            run.close()
+            raise RunError(f"{place.directory}: holds run {run.run_id}; the goal is for run {wanted}")
+        if place is not None:
+            return RunGiven(Run.create(place.directory, wanted, sweep, self._locks), dashboard=place.dashboard)
         identity, self._run_id = self._run_id or random_id(), ""
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
-        return Run.create(directory.absolute(), identity, sweep, self._locks)
+        return RunGiven(Run.create(directory.absolute(), identity, sweep, self._locks))
 
     def close(self) -> None:
         """Release the run directory."""

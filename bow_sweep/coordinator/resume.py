@@ -280,7 +280,7 @@ def _with_rounds_of_bag(path: Path, plan: _Plan, survey: Survey) -> _Plan:
         )
     recorded = sum(entry.get("event") == "round" for entry in plan.entries)
     missing = range(recorded, len(of_bag.rounds) if of_bag.adaptive else 0)
-    parts = [Blocks(of_bag.cells, of_bag.block_cells, of_bag.rounds[: number + 1]) for number in missing]
+    parts = [Blocks(of_bag.cells, of_bag.block_cells, of_bag.rounds[: number + 1], of_bag.kinds) for number in missing]
     return plan._replace(entries=[*plan.entries, *map(round_entry, parts)], blocks=of_bag)
 
 

@@ -11,16 +11,14 @@ theirs. After that it is finished and the session is ready for the next goal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
-
-import numpy as np
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neighbour, Neighbours
-from bow_sim.protocol.states import NodeState
+from bow_sim.protocol.states import ONE_AT_A_TIME, NodeState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.active_run import ActiveRun
 from bow_sweep.coordinator.closing import DRAW_REPORT_S, DRAW_S, waits_for
@@ -78,7 +76,7 @@ class CoordinatorSession:
     neighbours
         The other nodes; the node keeps them up to date.
     create_run
-        Makes the run of a goal's sweep; raises RunError where it cannot.
+        Takes a goal's sweep and UUID; makes its run, or resumes it. Raises RunError where it cannot.
     wall_clock
         Returns seconds, for rates and durations of runs.
     shown
@@ -98,7 +96,7 @@ class CoordinatorSession:
         host: str,
         namespace: str,
         neighbours: Neighbours,
-        create_run: Callable[[Sweep], Run],
+        create_run: Callable[[Sweep, bytes], RunGiven],
         wall_clock: Callable[[], float],
         shown: bool = False,
     ) -> None:
@@ -130,8 +128,8 @@ class CoordinatorSession:
         """
         self._now, self._out = now, []
         match event:
-            case RunGiven(run, layers):
-                self._begin(run, layers)
+            case RunGiven():
+                self._begin(event)
             case GoalAccepted():
                 self._take_goal(event)
             case GoalRefused(goal, why):
@@ -167,13 +165,13 @@ class CoordinatorSession:
         """Begin a sweep. One that cannot be run ends as aborted: the action server gives no reason for a rejection."""
         try:
             if self._active is not None:
-                raise RunError(f"run {self._active.run.run_id} is not finished; one sweep at a time")
-            run = self._create_run(Sweep.from_spec(event.preset, event.settings))
+                raise RunError(f"run {self._active.run.run_id} is not finished; {ONE_AT_A_TIME}")
+            given = self._create_run(Sweep.from_spec(event.preset, event.settings), event.goal)
         except (ParameterError, RunError) as error:
             self._refuse(event.goal, str(error))
             return
         self.refused = ""
-        self._begin(run, None, event.goal)
+        self._begin(given, event.goal)
 
     def _refuse(self, goal: bytes, why: str) -> None:
         self.refused = why
@@ -181,8 +179,9 @@ class CoordinatorSession:
         self._set_state(self._state, f"goal refused: {why}")
         self._out.append(AnswerGoal(goal, {"message": why}))
 
-    def _begin(self, run: Run, layers: Mapping[str, np.ndarray] | None, goal: bytes | None = None) -> None:
-        active = self._active = ActiveRun(run, basin_of(layers or {}, run.sweep), self._wall_clock(), goal)
+    def _begin(self, given: RunGiven, goal: bytes | None = None) -> None:
+        run, basin = given.run, basin_of(given.layers or {}, given.run.sweep)
+        active = self._active = ActiveRun(run, basin, self._wall_clock(), goal, given.dashboard)
         self._pool.begin()
         self._set_state(NodeState.STARTING, "a sweep opens", run.run_id)
         if run.ledger.finished:  # stopped after its last block, before its report or the next round
@@ -221,7 +220,8 @@ class CoordinatorSession:
         if active.closed_at is None or active.results is None:
             return
         waited = self._now - active.closed_at
-        missing = waits_for(self.nodes.values(), active.run.run_id, waited, self._shown)
+        nodes = [node for node in self.nodes.values() if active.dashboard or node.role != "dashboard"]
+        missing = waits_for(nodes, active.run.run_id, waited, self._shown and active.dashboard)
         if not missing:
             self._finish(active, active.results)
         elif missing == "dashboard" and waited > DRAW_REPORT_S:

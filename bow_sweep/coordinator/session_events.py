@@ -17,10 +17,19 @@ from bow_sweep.run.directory import Run
 
 @dataclass(frozen=True)
 class RunGiven:
-    """There is a run to work on, new or resumed; `layers` are the verdicts in its bag, None if there are none."""
+    """There is a run to work on, new or resumed.
+
+    Attributes
+    ----------
+    layers
+        The verdicts in its bag; None if there are none.
+    dashboard
+        Whether a dashboard, where there is one, draws it.
+    """
 
     run: Run
     layers: Mapping[str, np.ndarray] | None = None
+    dashboard: bool = True
 
 
 @dataclass(frozen=True)

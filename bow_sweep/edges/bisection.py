@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.physics.cells import paper_lanes
-from bow_sweep.edges.boundary import Boundary
+from bow_sim.physics.kinds import is_kind
+from bow_sweep.edges.boundary import Boundary, EdgesError
 from bow_sweep.edges.motions import OUTCOMES, Motions, batches, compute
 from bow_sweep.edges.parting import DECISION, GRAIN, KINDS, UNSTABLE, kind_of, part, slope_of
 from bow_sweep.plan.sweep import Sweep
@@ -105,7 +106,16 @@ def bisect(
     ----------
     progress
         Called with (halvings done, halvings of all edges).
+
+    Raises
+    ------
+    EdgesError
+        Where an axis has models or thresholds.
     """
+    for axis in (sweep.x, sweep.y):
+        if is_kind(axis.name):
+            right = "should be a map whose axes are numbers of the string, for instance one of a single model"
+            raise EdgesError(f"axis {axis.name}: its edges are not bisected; {right}")
     x, y = sweep.x.values(), sweep.y.values()
     parts = []
     for numbers in batches(len(boundary), sweep):

@@ -15,8 +15,9 @@ from bow_sweep.edges.boundary import Boundary
 from bow_sweep.edges.motions import HELP
 from bow_sweep.edges.parting import KINDS
 from bow_sweep.figures.colours import GREY
-from bow_sweep.figures.layout import Layout, cell_pixels, label, paint, titles
+from bow_sweep.figures.layout import Layout, cell_pixels, titles
 from bow_sweep.figures.maps import LINE_PITCH, regime_picture
+from bow_sweep.figures.panel import label, paint
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import NOT_COMPUTED
 

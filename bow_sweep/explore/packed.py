@@ -131,14 +131,16 @@ def _computed(run: RunCells, cells: NDArray[np.intp], periods: int) -> Iterator[
     """Yield cells in batches, and their last chunks, computed again."""
     from bow_sim.kernel.block import Block
     from bow_sim.physics.errors import ParameterError
+    from bow_sim.physics.kinds import common
     from bow_sweep.cell.parameters import lanes
 
     parameters = run.sweep.parameters
     kept = math.ceil(periods / CHUNK_PERIODS)
-    for start in range(0, len(cells), BATCH):
-        some = cells[start : start + BATCH]
+    kinds = run.sweep.kinds
+    of_one = [cells] if kinds is None else [cells[kinds[cells] == kind] for kind in np.unique(kinds[cells])]
+    for some in (part[start : start + BATCH] for part in of_one for start in range(0, len(part), BATCH)):
         try:
-            block = Block(parameters, lanes(run.sweep, some))
+            block = Block(*common(parameters, lanes(run.sweep, some))[:2])
         except ParameterError as error:
             raise CellError(f"{run.directory}: its cells cannot be computed again: {error}") from None
         chunks = [block.advance() for _ in range(parameters.chunks)][-kept:]

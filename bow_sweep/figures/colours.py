@@ -15,7 +15,7 @@ import numpy as np
 from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.maps.plane import regime_label
 
-BLACK, GREY = (0, 0, 0), (150, 150, 150)
+BLACK, GREY = (0, 0, 0), (180, 180, 180)
 """No Helmholtz motion; a cell that was not computed."""
 
 HEADROOM = 1.1
@@ -34,14 +34,14 @@ REGIME_COLOURS: dict[str, tuple[int, int, int]] = {
     "multiple_flyback": (230, 159, 0),
     "other_periodic": (204, 121, 167),
     "aperiodic": (70, 70, 70),
-    "helmholtz_extra_slips": (122, 210, 176),
+    "helmholtz_extra_slips": (190, 245, 220),
     "raman_higher": (213, 94, 0),
     "anomalous_low_frequency": (0, 114, 178),
-    "subharmonic": (120, 94, 240),
-    "wolf": (220, 38, 127),
+    "subharmonic": (51, 34, 136),
+    "wolf": (80, 0, 40),
 }
-"""Okabe and Ito's colours, which colour-blind people can distinguish; that of wolves is IBM's magenta. Other regimes
-have `SPARE_COLOURS`."""
+"""Okabe and Ito's colours, and three more that are as far from them, also for colour-blind people: a test measures it.
+Other regimes have `SPARE_COLOURS`."""
 
 TERRAIN_COLOURS = ((0, 0, 0), (0, 158, 115), (86, 180, 233), (213, 94, 0), (240, 228, 66))
 """Okabe and Ito's colours for `bow_sweep.maps.terrain.TERRAINS`, in their order: green is safe, blue uneven, orange and

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.image import PcolorImage
-from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FixedFormatter, FixedLocator
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
+from bow_sweep.figures.caption import gesture_text, held_texts, made_texts, units_text
 from bow_sweep.figures.colours import transient_colours
-from bow_sweep.maps.held_fixed import gesture_of, held_fixed, string_of
-from bow_sweep.maps.limit_lines import drawn
-from bow_sweep.maps.limits import LABELS
+from bow_sweep.figures.symbols import plain
+from bow_sweep.maps.held_fixed import string_of
 from bow_sweep.maps.plane import Plane
 
 UNIT_DPI = 200
@@ -101,79 +97,32 @@ def cell_pixels(plane: Plane, size: tuple[int, int], dpi: float) -> tuple[float,
     return dots[0] / scale, dots[1] / scale
 
 
-def paint(ax: Axes, plane: Plane, colours: np.ndarray) -> None:
-    """Draw a map, a colour for each cell, (ny, nx, 3) uint8, and the ticks of its axes."""
-    ny, nx = plane.shape
-    # The dots are those of imshow(), but it would resample them in floating point.
-    ax.add_image(PcolorImage(ax, np.arange(nx + 1), np.arange(ny + 1), colours))
-    ax.set(xlim=(0, nx), ylim=(0, ny))
-    for direction, axis in zip((ax.xaxis, ax.yaxis), plane.axes, strict=True):
-        ticks = axis.ticks()
-        labelled = [tick for tick in ticks if tick.text]
-        direction.set_major_locator(FixedLocator([tick.position for tick in labelled]))
-        direction.set_major_formatter(FixedFormatter([tick.text for tick in labelled]))
-        direction.set_minor_locator(FixedLocator([tick.position for tick in ticks if not tick.text]))
-    ax.tick_params(which="both", direction="out")
-
-
-def label(ax: Axes, plane: Plane, x: str = "", y: str = "") -> None:
-    """Write the titles of the axes: "full" with symbol and unit, "symbol" alone, or "" for none."""
-    for kind, axis, write in ((x, plane.axes[0], ax.set_xlabel), (y, plane.axes[1], ax.set_ylabel)):
-        title = axis.title(settings=plane.settings)
-        if kind:
-            write(title if kind == "full" else title.partition("  ")[2].partition("  (")[0] or title)
-
-
-def draw_limits(ax: Axes, plane: Plane, labels: bool = True) -> None:
-    """Draw the limits of theory over a map as lines, white within black so that they are seen on every colour."""
-    outline = [withStroke(linewidth=3.2, foreground="black")]
-    for each in drawn(plane):
-        dashes: Literal["-", "--"] = "--" if each.limit.name in DASHED else "-"
-        for run in each.runs:
-            ax.add_line(Line2D(*run.T, color="white", linewidth=1.4, linestyle=dashes, path_effects=outline))
-        if labels:
-            words, (x, y) = LABELS[each.limit.name], each.label
-            ax.text(
-                x,
-                y,
-                words,
-                color="white",
-                fontsize=8,
-                fontweight="bold",
-                ha="center",
-                va="center",
-                path_effects=outline,
-            )
-
-
-DASHED = ("schelleng_min", "guettler_high")
-"""Limits whose lines are broken, so that two of them are told apart without their labels."""
-
 MADE_LETTERS = 115
 """Letters in a line below the title of a map."""
 
 
 def titles(plane: Plane) -> tuple[str, list[str]]:
     """Return the title of a map, and lines with its grid and with what is the same in all cells."""
-    held = held_fixed(plane)
-    title = [string_of(plane), *(each.line(mathematics=True) for each in held if each.name == "v_mid")]
-    ny, nx = plane.shape
-    made = [f"{nx} \u00d7 {ny} gestures", f"{plane.periods:g} periods each"]
-    if gesture := gesture_of(plane):
+    held = held_texts(plane)
+    first = [text for text in held if r"v_\mathrm{mid}" in text][:1]
+    made = made_texts(plane)
+    if gesture := gesture_text(plane):
         made.insert(1, gesture)
-    if "adaptive" in plane.values:
-        made.append(f"{percent(float(plane.values['adaptive']))} simulated at most, the rest predicted")
-    if "repeats" in plane.values:
-        made.append(f"{plane.values['repeats']} repeats of each")
-    rest = [each for each in held if each.name != "v_mid"]
-    widths = [*map(len, made), *(len(each.line()) for each in rest)]
-    lines, used = [made[0]], widths[0]
-    for part, width in zip([*made[1:], *(each.line(mathematics=True) for each in rest)], widths[1:], strict=True):
-        if used + width + 5 <= MADE_LETTERS:
+    parts = [*made, *(text for text in held if text not in first), units_text(plane)]
+    return ", ".join([string_of(plane), *first]), in_lines(filter(None, parts))
+
+
+def in_lines(parts: Iterable[str]) -> list[str]:
+    """Return texts in lines of at most `MADE_LETTERS`, with points between them."""
+    lines: list[str] = []
+    used = 0
+    for part in parts:
+        width = len(plain(part))
+        if lines and used + width + 5 <= MADE_LETTERS:
             lines[-1], used = f"{lines[-1]}  \u00b7  {part}", used + width + 5
         else:
             lines, used = [*lines, part], width
-    return ", ".join(title), lines
+    return lines
 
 
 def percent(part: float, whole: float = 1.0) -> str:

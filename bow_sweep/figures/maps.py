@@ -12,20 +12,11 @@ from matplotlib.ticker import MaxNLocator
 from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING
+from bow_sweep.figures.caption import limit_texts
 from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours, viridis
-from bow_sweep.figures.layout import (
-    MADE_LETTERS,
-    Layout,
-    cell_pixels,
-    draw_limits,
-    label,
-    lengths_of,
-    paint,
-    percent,
-    titles,
-)
+from bow_sweep.figures.layout import Layout, cell_pixels, lengths_of, percent, titles
+from bow_sweep.figures.panel import draw_limits, label, paint, places
 from bow_sweep.figures.reliability import draw_reliability
-from bow_sweep.maps.limit_lines import limit_lines
 from bow_sweep.maps.map_file import MapFile, MapFileError
 from bow_sweep.maps.plane import (
     NEVER,
@@ -66,7 +57,7 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
         width, height = cell_pixels(plane, MAP_PIXELS, dpi)
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
         title, made = titles(plane)
-        made += limit_lines(plane, MADE_LETTERS)
+        made += limit_texts(plane)
         left, top = 155, 116 + LINE_PITCH * len(made)
         below = top + height + 180
         repeated: Reliability | None = getattr(plane, "reliability", None)
@@ -77,16 +68,17 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
             layout.text(left, 112 + number * LINE_PITCH, line, color=MUTED)
         share = f"Helmholtz motion in {percent(plane.helmholtz_fraction())} of the plane"
         layout.text(layout.width - 40, 62, share, fontsize=9.5, ha="right")
+        along = places(plane)
         ax = layout.axes(left, top, width, height)
-        paint(ax, plane, transient_colours(plane.transient_periods, plane.periods))
+        paint(ax, plane, transient_colours(plane.transient_periods, plane.periods), along)
         label(ax, plane, "full", "full")
-        draw_limits(ax, plane)
+        draw_limits(ax, plane, along=along)
         _scale_with_counts(layout, plane, left + width + 36, top, height)
 
         ax = layout.axes(left, below, *small)
-        paint(ax, plane, regime_picture(plane))
+        paint(ax, plane, regime_picture(plane), along)
         ax.set_title("Regime at the last test", loc="left", fontsize=9)
-        draw_limits(ax, plane, labels=False)
+        draw_limits(ax, plane, labels=False, along=along)
         label(ax, plane, "symbol", "symbol")
         _regime_legend(layout, plane, left + small[0] + 50, below)
         if repeated is not None:

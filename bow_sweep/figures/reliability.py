@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sweep.figures.colours import BLACK, GREY, transient_colours, viridis
-from bow_sweep.figures.layout import Layout, cell_pixels, label, paint, percent, titles
+from bow_sweep.figures.layout import Layout, cell_pixels, percent, titles
+from bow_sweep.figures.panel import draw_borders, label, paint, places
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Plane
 from bow_sweep.maps.reliability import RELIABLE, Reliability
@@ -33,8 +32,9 @@ def reliability_colours(shares: np.ndarray) -> np.ndarray:
 def draw_reliability(layout: Layout, plane: Plane, found: Reliability, left: float, top: float, *size: float) -> None:
     """Draw the map of shares, with lines around the reliable cells, its scale, and what it says in numbers."""
     ax = layout.axes(left, top, *size)
-    paint(ax, plane, reliability_colours(found.reliability))
-    _outline(ax, found.reliable, min(0.8, size[0] / found.reliable.shape[1] / 16))
+    along = places(plane)
+    paint(ax, plane, reliability_colours(found.reliability), along)
+    draw_borders(ax, found.reliable, min(0.8, size[0] / found.reliable.shape[1] / 16), along)
     repeats, jitter = plane.values.get("repeats", "?"), float(plane.values.get("jitter", "nan"))
     ax.set_title(f"Reliability: {repeats} repeats of each cell, forces up to {100 * jitter:.4g} % off", loc="left")
     label(ax, plane, "symbol", "symbol")
@@ -68,13 +68,6 @@ def _spread(found: Reliability, where: np.ndarray) -> str:
     words = f"median {np.median((high - low)[always]):.3g} periods wide"
     never = percent(float(1 - always.mean()))
     return words if always.all() else f"{words}; in {never} some repeats never have it"
-
-
-def _outline(ax: Axes, inside: np.ndarray, width: float) -> None:
-    """Draw the borders between cells that are `inside`, (ny, nx) bool, and others; `width` in points."""
-    lines = [((ix + 1, iy), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[:, 1:] != inside[:, :-1]).tolist()]
-    lines += [((ix, iy + 1), (ix + 1, iy + 1)) for iy, ix in np.argwhere(inside[1:] != inside[:-1]).tolist()]
-    ax.add_collection(LineCollection(lines, colors=OUTLINE, linewidths=width))
 
 
 def repeats_figure(plane: MapFile, parting: np.ndarray | None, dpi: float) -> Figure:

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from bow_sim.figures.page import BLUE, MUTED, check_path, save, style
 from bow_sweep.figures.colours import BLACK, GREY, TERRAIN_COLOURS, transient_colours
-from bow_sweep.figures.layout import Layout, cell_pixels, label, paint, percent
+from bow_sweep.figures.layout import Layout, cell_pixels, percent
+from bow_sweep.figures.panel import label, paint
 from bow_sweep.maps.compare import Compared
 from bow_sweep.maps.plane import Plane, terrain_label
 from bow_sweep.maps.playability import MEASURES, Measure

@@ -2,6 +2,7 @@
 
 axes         an axis of a map: positions of cells and ticks, titles
 plane        what every map has, and the map in the middle of a sweep
+differing    in which settings several maps differ
 held_fixed   what is the same in every cell of a map: captions
 limits       Schelleng's and Guettler's limits, as curves in the plane
 limit_lines  the same as lines in pictures, with labels and captions

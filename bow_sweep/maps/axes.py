@@ -1,4 +1,8 @@
-"""An axis of a map in a picture: positions of cells and ticks, and its title."""
+"""An axis of a map in a picture: positions of cells and ticks, and its title.
+
+All cells of a picture have the same size. Where the values have neither equal steps nor equal ratios, as those of
+``x.values``, the ticks are the values themselves, and a position between two cells is interpolated between theirs.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +15,7 @@ import numpy as np
 
 from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, Quantity
+from bow_sim.physics.kinds import MODEL, THRESHOLD, model_name
 from bow_sim.physics.parameters import FIELDS
 
 TITLES = {
@@ -45,6 +50,10 @@ PLAIN_SYMBOLS = {"f_init_ratio": "f_init / f_asym"}
 """Symbols in plain text, where they differ from the name of the parameter."""
 
 
+MOST_TICKS = 12
+"""Largest number of labelled ticks where each value has a tick of its own."""
+
+
 class Tick(NamedTuple):
     """A mark on an axis, at a position in cells; `text` is empty for a minor tick."""
 
@@ -63,7 +72,7 @@ class PlotAxis:
     values
         (cells,) rising or falling, in the parameter's unit.
     scale
-        "log" or "linear".
+        "log", "linear", or "values" for values with neither equal ratios nor equal steps.
     """
 
     name: str
@@ -72,7 +81,7 @@ class PlotAxis:
 
     @classmethod
     def of(cls, name: str, values: np.ndarray) -> PlotAxis:
-        """Return the axis of `values`, logarithmic where their ratios are constant.
+        """Return the axis of `values`; its scale follows from them.
 
         Raises
         ------
@@ -85,7 +94,12 @@ class PlotAxis:
             raise ValueError(f"axis {name}: should be one or more finite numbers, is {values!r}")
         if not ((steps > 0).all() or (steps < 0).all()):
             raise ValueError(f"axis {name}: its values should rise or fall throughout")
-        return cls(name, values, "log" if _is_geometric(name, values) else "linear")
+        if name == MODEL:
+            return cls(name, values, "values")
+        if _is_geometric(name, values):
+            return cls(name, values, "log")
+        even = len(steps) < 2 or np.ptp(steps) <= 1e-6 * abs(steps).max()
+        return cls(name, values, "linear" if even else "values")
 
     @property
     def count(self) -> int:
@@ -96,8 +110,20 @@ class PlotAxis:
         """Return the position of a value, in cells; values beyond the ends have positions outside the map."""
         if self.count == 1:
             return 0.5
+        if self.scale == "values":
+            return self._between(float(value))
         first, last = self._scaled(self.values[0]), self._scaled(self.values[-1])
         return (self._scaled(value) - first) / (last - first) * (self.count - 1) + 0.5
+
+    def _between(self, value: float) -> float:
+        """Return the position of a value, interpolated between the two cells beside it, or continued beyond the end."""
+        sign = 1 if self.values[-1] > self.values[0] else -1
+        rising = sign * self.values
+        cell = int(np.clip(np.searchsorted(rising, sign * value), 1, self.count - 1)) - 1
+        return cell + 0.5 + float((sign * value - rising[cell]) / (rising[cell + 1] - rising[cell]))
+
+    def _text(self, value: float) -> str:
+        return model_name(value).replace("_", " ") if self.name == MODEL else _number(value)
 
     def _scaled(self, value: float) -> float:
         return math.log10(value) if self.scale == "log" else float(value)
@@ -113,7 +139,10 @@ class PlotAxis:
     def ticks(self) -> list[Tick]:
         """Return the ticks of the axis, with and without labels, by rising position."""
         if self.count == 1:
-            return [Tick(0.5, _number(self.values[0]))]
+            return [Tick(0.5, self._text(self.values[0]))]
+        if self.scale == "values":
+            step = -(-self.count // MOST_TICKS)
+            return [Tick(i + 0.5, "" if i % step else self._text(value)) for i, value in enumerate(self.values)]
         low, high = sorted((self._at(0.0), self._at(float(self.count))))
         if self.scale == "log" and high / low >= 3:
             major, minor = _log_ticks(low, high)
@@ -158,6 +187,8 @@ class PlotAxis:
 
 def _si(name: str) -> Quantity:
     """Return what a setting in SI units, or of one mode of a body, is; of an unknown one only the name."""
+    if name.startswith(THRESHOLD):
+        return Quantity(name, "", f"threshold {name.removeprefix(THRESHOLD)}", (), lambda x, _: x)
     if mode := mode_unit(name):
         return Quantity(name, *mode, (), lambda x, _: x)
     return SI.get(name) or Quantity(name, "", name, (), lambda x, _: x)
@@ -210,6 +241,9 @@ def _inside(values: Iterable[float], low: float, high: float) -> list[float]:
 
 
 def _number(value: float) -> str:
-    """Return a number as text, without trailing zeros and rounding errors."""
+    """Return a number as text, without trailing zeros and rounding errors; small ones as 5e-5."""
     text = f"{float(value):.6g}"
+    if 0 < abs(float(text)) < 1e-3:
+        head, _, power = f"{float(value):.5e}".partition("e")
+        return f"{head.rstrip('0').rstrip('.')}e{int(power)}"
     return "0" if float(text) == 0 else text

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bow_sweep.maps import differing
+from bow_sweep.maps.differing import Differing, differing_programs, differing_settings, program_of
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map
 from bow_sweep.maps.plane import MODEL_NAMES
 from bow_sweep.maps.playability import MEASURES, playability
@@ -33,12 +35,15 @@ class Compared:
         (ny, nx) uint8, its terrain.
     numbers
         Its playability, see :func:`bow_sweep.maps.playability.playability`.
+    program
+        What made it, see :func:`bow_sweep.maps.differing.program_of`.
     """
 
     name: str
     plane: MapFile
     codes: np.ndarray
     numbers: dict[str, Any]
+    program: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -67,7 +72,7 @@ def compare(runs: Sequence[Path]) -> list[Compared]:
         if np.isnan(plane.transient_periods).all():
             raise MapFileError(f"{run}: none of its cells is computed; should be some, see bow sweep --resume")
         numbers = playability(plane.transient_periods, plane.regime, plane.regime_names)
-        found.append(Compared(name, plane, terrain(plane.transient_periods), numbers))
+        found.append(Compared(name, plane, terrain(plane.transient_periods), numbers, program_of(run)))
     return found
 
 
@@ -89,6 +94,17 @@ def difference(one: Compared, other: Compared, name: str) -> tuple[float | None,
     if error is None or other_error is None:
         return second - first, None
     return second - first, math.hypot(error, other_error)
+
+
+def settings_that_differ(found: Sequence[Compared]) -> list[Differing]:
+    """Return presets and settings that are not the same in all runs."""
+    planes = [each.plane for each in found]
+    return differing_settings([plane.values for plane in planes], [plane.preset for plane in planes])
+
+
+def programs_that_differ(found: Sequence[Compared]) -> list[Differing]:
+    """Return what of kernel, classifier, machine and versions is not the same in all runs."""
+    return differing_programs([each.program for each in found])
 
 
 def value_and_error(numbers: dict[str, Any], name: str) -> tuple[float | None, float | None]:
@@ -143,4 +159,10 @@ def as_json(found: Sequence[Compared]) -> dict[str, Any]:
             step, error = difference(found[0], each, measure.name)
             entry[measure.name] = {"value": step, "error": error, "sure": sure(found[0], each, measure.name)}
         steps.append(entry)
-    return {"runs": runs, "differences": steps, "notes": notes(found)}
+    return {
+        "settings": differing.as_json(settings_that_differ(found)),
+        "made_by": differing.as_json(programs_that_differ(found)),
+        "runs": runs,
+        "differences": steps,
+        "notes": notes(found),
+    }

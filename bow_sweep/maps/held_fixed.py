@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, in_si
+from bow_sim.physics.kinds import value_text
 from bow_sim.physics.parameters import FIELDS, FLOATS
 from bow_sweep.maps.axes import PLAIN_SYMBOLS, SYMBOLS
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
@@ -177,6 +178,11 @@ class _Beside:
         return beside(name, float(value), self.values)
 
 
+def in_the_other_system(plane: Plane, name: str, value: float) -> str:
+    """Return a value of a parameter of a map in the other system of units, as "0.31 N"; "" where it differs by cell."""
+    return _Beside(plane)(name, value)
+
+
 def unit_of(name: str) -> str:
     """Return the unit of a setting, in the paper's units or in SI; "" for a number."""
     if name in UNITS:
@@ -195,7 +201,7 @@ def cell_names(plane: Plane) -> list[str]:
     """
     x, y = (
         [
-            f"{CLOSE.get(axis.name, axis.name)} {value:.4g}{unit}"
+            f"{CLOSE.get(axis.name, axis.name)} {value_text(axis.name, value)}{unit}"
             for value, unit in zip(axis.values.tolist(), units, strict=True)
         ]
         for axis, units in zip(plane.axes, axis_units(plane), strict=True)
@@ -240,7 +246,7 @@ def cell_name(plane: Plane, cell: int) -> str:
 
 
 def _named(name: str, value: float) -> str:
-    return f"{CLOSE.get(name, name)} {value:.4g} {unit_of(name)}".rstrip()
+    return f"{CLOSE.get(name, name)} {value_text(name, value)} {unit_of(name)}".rstrip()
 
 
 def string_of(plane: Plane) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
 from threading import Event
 
 import numpy as np
@@ -15,6 +16,7 @@ from bow_classifier.task import classifier_of
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.physics.cells import paper_lanes
+from bow_sim.physics.kinds import common
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.plan.sweep import Sweep
@@ -54,6 +56,8 @@ def judged_chunks(
     ParameterError
         For values that cannot be; names parameter, cell and value.
     """
+    own = common(parameters, lanes)
+    parameters, lanes = own.parameters, own.lanes
     block = Block(parameters, lanes)
     cells = len(np.asarray(next(iter(lanes.values()))))
     in_paper_units = paper_lanes(parameters, lanes)
@@ -61,7 +65,7 @@ def judged_chunks(
         name: np.broadcast_to(np.asarray(in_paper_units.get(name, getattr(parameters, name)), np.float64), (cells,))
         for name in ("v_b", "bow_bridge", "acceleration")
     }
-    classifier = classifier_of(parameters, thresholds or Thresholds(), values)
+    classifier = classifier_of(parameters, replace(thresholds or Thresholds(), **own.thresholds), values)
     for _ in range(parameters.chunks):
         chunk = block.advance()
         yield chunk, classifier.classify(chunk.bridge_force, intervals_of(chunk))

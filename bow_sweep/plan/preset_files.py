@@ -22,8 +22,11 @@ from bow_sim.physics.body import MODE_SETTING
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
+from bow_sim.physics.kinds import MODEL, THRESHOLD
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
+from bow_sim.protocol.recording import RECORD
 from bow_sim.protocol.repeats import MAX_SEED
+from bow_sim.protocol.sweep_spec import VALUES, read_values
 from bow_sweep.plan.presets import presets, read_preset
 from bow_sweep.plan.sweep import Sweep, default_block_cells
 
@@ -116,7 +119,8 @@ def save(path: Path, sweep: Sweep, title: str) -> None:
         group, dot, rest = name.partition(".")
         if line in usual and group not in ("x", "y"):
             continue
-        (content.setdefault(group, {}) if dot else content)[rest if dot else name] = _value(text)
+        value = list(read_values(name, text)) if name in ("x.values", "y.values") else _value(text)
+        (content.setdefault(group, {}) if dot else content)[rest if dot else name] = value
     with replacing(path) as file:
         file.write(yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
 
@@ -150,6 +154,7 @@ def schema() -> dict[str, Any]:
     properties["repeats"] = {"type": "integer", "minimum": 0, "description": "further simulations of each cell"}
     properties["jitter"] = {**_number(), "description": "largest relative deviation of the forces in a repeat"}
     properties["seed"] = {"type": "integer", "minimum": 0, "maximum": MAX_SEED, "description": "of the deviations"}
+    properties["record"] = {"enum": list(RECORD), "description": "what the bag holds beside the verdicts"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "preset of bow sweep",
@@ -170,21 +175,29 @@ def _number() -> dict[str, Any]:
 
 
 def _axis(key: str) -> dict[str, Any]:
-    return {
+    known = SWEEPABLE | SI.keys() | {MODEL} | {f"{THRESHOLD}{name}" for name in Thresholds.__dataclass_fields__}
+    modes = {"type": "string", "pattern": f"^{MODE_SETTING.pattern}$"}
+    names: dict[str, Any] = {"anyOf": [{"enum": sorted(known)}, modes]}
+    whole = {
         **_group(
             {
                 "name": {
-                    "anyOf": [{"enum": sorted(SWEEPABLE | SI.keys())}, {"pattern": f"^{MODE_SETTING.pattern}$"}],
-                    "description": "the parameter along this axis",
+                    **names,
+                    "description": "the parameter along this axis; what else is not given suits it",
                 },
-                "scale": {"enum": ["log", "linear"]},
+                "scale": {"enum": ["log", "linear", VALUES]},
                 "first": {**_number(), "description": "first value"},
                 "last": {**_number(), "description": "last value"},
                 "count": {"type": "integer", "minimum": 1, "description": "number of values"},
+                "values": {
+                    "anyOf": [{"type": "array", "items": _number(), "minItems": 1}, {"type": "string"}],
+                    "description": "all values, rising or falling, in place of scale, first, last and count",
+                },
             }
         ),
         "description": f"the {key} axis of the map",
     }
+    return {"anyOf": [names, whole], "description": whole["description"]}
 
 
 def _entry(field: Any) -> dict[str, Any]:

@@ -10,27 +10,35 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.kernel.fingerprint import source_hash
-from bow_sim.physics.applicability import check_axes, check_strings, notes_of_map
+from bow_sim.physics.applicability import check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
+from bow_sim.physics.kinds import is_kind
 from bow_sim.physics.parameters import Parameters, parse_settings
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import MAX_CHUNK_VALUES, check_size
+from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
-from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, split
+from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, in_full, kinds_of_cells, split
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
+from bow_sweep.plan.axes import AxisError, AxisSettings, axes, check_axes_of_models, check_two, made
 from bow_sweep.plan.presets import load_preset
+from bow_sweep.plan.remedies import would_do
 
 X_AXIS = Axis("f_asym", "log", 0.5, 20.0, 128)
 Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
 """The plane of the paper's Figs 10 and 11 (Appendix)."""
+
+UNITS = {"z_0", "v_unit", "string_length"}
+"""Parameters that have a common value also where they are an axis: without one, others could not be in SI units."""
 
 BLOCKS, ADAPTIVE_BLOCKS = 16, 64
 """Least number of blocks, exhaustive and adaptive, where block_cells is not set: enough for several simulators, and for
@@ -78,6 +86,8 @@ class Sweep:
         Largest share of the cells to simulate; 1 = all cells, planned at once.
     repeats
         How the cells are repeated.
+    record
+        Which streams are recorded, see :mod:`bow_sim.protocol.recording`.
     """
 
     parameters: Parameters
@@ -88,6 +98,7 @@ class Sweep:
     preset: str = ""
     adaptive: float = 1.0
     repeats: Repeats = NO_REPEATS
+    record: str = DEFAULT
 
     @classmethod
     def from_spec(cls, preset: str = "", settings: Iterable[str] = ()) -> Sweep:
@@ -98,38 +109,66 @@ class Sweep:
         ParameterError
             For a sweep that cannot be computed; names the setting, its value and what would be right.
         """
-        given = parse_settings(settings)
-        spec = split({**(overridden(load_preset(preset), given) if preset else {}), **given})
-        x, y = Axis.of("x", spec.x, X_AXIS), Axis.of("y", spec.y, Y_AXIS)
+        lines = list(settings)
+        try:
+            return cls._of(preset, lines)
+        except AxisError as error:
+
+            def works(more: list[str]) -> object:
+                return cls._of(preset, [*lines, *more])
+
+            raise ParameterError(f"{error}{would_do(*error.axes, works)}") from None
+
+    @classmethod
+    def _of(cls, preset: str, lines: list[str]) -> Sweep:
+        given, preset_settings = parse_settings(lines), load_preset(preset) if preset else {}
+        spec = split({**overridden(preset_settings, given), **given})
+        named = axes((X_AXIS, Y_AXIS), (preset_settings.items(), map(_pair, lines)))
         thresholds = Thresholds.from_mapping(spec.classifier)
-        for axis, key in ((x, "x"), (y, "y")):
-            if axis.name in given:
-                right = f"it is the {key} axis of the map; set {key}.first, {key}.last and {key}.count"
-                raise ParameterError(f"{axis.name} = {given[axis.name]!r}: {right}")
-        common = {name: value for name, value in spec.plain.items() if name not in (x.name, y.name)}
+        for axis in named:
+            for name in filter(axis.gives, given):
+                if name not in UNITS and not _before(lines, name, axis):
+                    right = f"set {axis.key}.first, {axis.key}.last and {axis.key}.count"
+                    raise ParameterError(f"{name} = {given[name]!r}: it is the {axis.key} axis of the map; {right}")
+        swept = {name for name in spec.plain for axis in named if axis.gives(name)} - UNITS
+        common = {name: value for name, value in spec.plain.items() if name not in swept}
         parameters = replace(spec, plain=common).parameters()
-        check_plane(parameters, x, y)
-        check_axes(parameters, (x.name, y.name))
-        check_strings(parameters, x, y)
+        try:
+            check_two(*named)
+            check_axes_of_models(parameters, *named)
+            x, y = made(*named, parameters)
+            check_plane(parameters, x, y)
+            check_strings(parameters, x, y)
+        except ParameterError as error:
+            raise AxisError(str(error), named[0].name, named[1].name) from None
         adaptive, repeats = spec.share("adaptive", cls.adaptive), Repeats.of(spec)
+        if repeats.count and (kind := next((axis for axis in named if is_kind(axis.name)), None)):
+            raise ParameterError(
+                f"repeats = {repeats.count}: cannot be beside {kind.key}.name = {kind.name!r}; make a map for each "
+                f"value, as by bow study --over {kind.name}=..."
+            )
         repeats.check(parameters, x, y)
         if spec.block_cells is None:
             block_cells = default_block_cells(repeats.cells(x.count * y.count), adaptive, parameters.chunk_samples)
         else:
             block_cells = spec.number("", "block_cells")
         check_size(x.count, y.count, block_cells, parameters, repeats.count)
-        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats)
+        record = record_of(spec.record)
+        return cls(parameters, x, y, block_cells, thresholds, preset, adaptive, repeats, record)
 
     def settings(self) -> tuple[str, ...]:
         """Return every setting as "name=value", sorted; :meth:`from_spec` makes the same sweep of them."""
-        own = {f"{key}.{part.name}": getattr(axis, part.name) for key, axis in self._axes for part in fields(Axis)}
+        own = {f"{key}.{name}": value for key, axis in self._axes for name, value in axis.settings().items()}
         own["block_cells"] = self.block_cells
         if self.adaptive < 1:
             own["adaptive"] = self.adaptive
+        if self.record != DEFAULT:
+            own["record"] = self.record
         own |= self.repeats.settings()
+        units = {f"{name}={getattr(self.parameters, name)!r}" for name in UNITS if getattr(self.parameters, name)}
         swept = (self.x.name + "=", self.y.name + "=")
         lines = [f"{key}={value}" for key, value in own.items()]
-        lines += [line for line in self.parameters.settings() if not line.startswith(swept)]
+        lines += [line for line in self.parameters.settings() if not line.startswith(swept) or line in units]
         lines += [f"classifier.{line}" for line in self.thresholds.settings()]
         return tuple(sorted(lines))
 
@@ -141,9 +180,10 @@ class Sweep:
     def sweep_id(self) -> str:
         """Hash of the settings (dtype included) and the kernel's source, 16 hexadecimal digits.
 
-        The thresholds are left out: they do not change the waveforms, which can be classified again.
+        The thresholds and what is recorded are left out: they do not change the waveforms, which can be classified
+        again.
         """
-        physics = [line for line in self.settings() if not line.startswith("classifier.")]
+        physics = [line for line in self.settings() if not line.startswith(("classifier.", "record="))]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
 
     @property
@@ -170,8 +210,14 @@ class Sweep:
     def first_blocks(self) -> Blocks:
         """The blocks that are planned at the start: all, or the first round of an adaptive sweep."""
         if self.adaptive == 1:
-            return Blocks(self.cells, self.block_cells)
-        return Blocks(self.cells, self.block_cells, [first_round((self.y.count, self.x.count), self.budget)])
+            return Blocks(self.cells, self.block_cells, kinds=self.kinds)
+        first = first_round((self.y.count, self.x.count), self.budget)
+        return Blocks(self.cells, self.block_cells, [first], self.kinds)
+
+    @cached_property
+    def kinds(self) -> NDArray[np.int64] | None:
+        """The kind of every cell, (cells,): a block has cells of one kind. None where all are of one."""
+        return kinds_of_cells(self.x, self.y, self.cells)
 
     def more_blocks(self, blocks: Blocks, transient_periods: np.ndarray) -> Blocks | None:
         """Return `blocks` and those of the next round; None where nothing more is to be simulated.
@@ -197,6 +243,11 @@ class Sweep:
         """Number of chunks, and so of tests, of every block."""
         return self.parameters.chunks
 
+    @property
+    def recorded_chunks(self) -> range:
+        """The chunks of every block whose streams are recorded."""
+        return recorded_chunks(self.record, self.chunks)
+
     def block(self, block: int) -> np.ndarray:
         """Return the cells of a block planned at the start, (cells of the block,) uint32.
 
@@ -217,3 +268,16 @@ class Sweep:
     def axis_values(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         """Return the values of the two swept parameters at `cells`: {x.name: (cells,), y.name: (cells,)}."""
         return axis_values(self.x, self.y, cells)
+
+
+def _before(lines: list[str], name: str, axis: AxisSettings) -> bool:
+    """Return whether a setting comes before the axis that takes its place, as that of a preset file does."""
+    order = [in_full(_pair(line)[0]) for line in lines]
+    return f"{axis.key}.name" in order and order.index(name) < max(
+        place for place, each in enumerate(order) if each == f"{axis.key}.name"
+    )
+
+
+def _pair(setting: str) -> tuple[str, str]:
+    name, _, value = setting.partition("=")
+    return name.strip(), value.strip()

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from bow_sweep.processes.run_graph import LOGS
 from bow_sweep.processes.shm_cleaner import NOTE
-from bow_sweep.run.campaign import FILE as CAMPAIGN
-from bow_sweep.run.directory import LEDGER, RunError
+from bow_sweep.run.directory import CAMPAIGN, LEDGER, STUDY, RunError
 from bow_sweep.run.lock import name_of, take
 
 RUNS = Path("runs")
@@ -58,7 +57,7 @@ class OwnedDirectory:
         Parameters
         ----------
         *runs
-            Run directories below it; for a campaign.
+            Run directories below it; for a study.
 
         Returns
         -------
@@ -67,7 +66,8 @@ class OwnedDirectory:
         """
         begun = not self.new or any((run / LEDGER).exists() for run in (self.directory, *runs))
         if not begun:
-            (self.directory / CAMPAIGN).unlink(missing_ok=True)
+            for name in (STUDY, CAMPAIGN):
+                (self.directory / name).unlink(missing_ok=True)
             for run in (*runs, self.directory):
                 _remove_start(run)
             _remove_empty(*(run for run in runs if run != self.directory), *self.made)
@@ -157,7 +157,7 @@ def _given(directory: Path, made: list[Path]) -> Path:
     """Create the directory that the user named, or use it where it is empty."""
     _make(directory, made)
     if not never_began(directory):
-        begun = (directory / LEDGER).exists() or (directory / CAMPAIGN).exists()
+        begun = any((directory / name).exists() for name in (LEDGER, STUDY, CAMPAIGN))
         go_on = f"go on with --resume {shlex.quote(str(directory))}" if begun else "an empty one"
         raise RunError(f"is not empty; choose a new one, or {go_on}")
     return directory.resolve()

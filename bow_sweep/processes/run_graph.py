@@ -9,8 +9,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
+from bow_sim.protocol.inspected import spread_cells
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
@@ -23,17 +22,10 @@ AT_ONCE, BETWEEN_S = 8, 0.1
 """This many simulators, or one for each core if that is more, start at once; the others at this interval. Each uses a
 whole core while it starts."""
 
-INSPECTED = 6
-"""Cells whose waveforms the dashboard shows by default."""
-
 
 def inspected_cells(sweep: Sweep) -> list[int]:
     """Return cells whose waveforms are shown: spread over the plane, from the blocks of the first round."""
-    columns = np.unique(np.linspace(0, sweep.x.count - 1, INSPECTED // 2 + 2).astype(int)[1:-1])
-    rows = np.unique(np.linspace(0, sweep.y.count - 1, 4).astype(int)[1:-1])
-    y, x = np.divmod(np.flatnonzero(sweep.first_blocks.planned), sweep.x.count)
-    nearest = [np.argmin((y - iy) ** 2 + (x - ix) ** 2) for iy in rows for ix in columns]
-    return np.unique((y * sweep.x.count + x)[nearest]).tolist()
+    return spread_cells(sweep.x.count, sweep.y.count, sweep.first_blocks.planned)
 
 
 def has_finished(directory: Path) -> bool:
@@ -119,7 +111,7 @@ def run_graph(
             if dashboard and is_watched:  # somebody waits for the picture
                 supervisor.start("dashboard")
             with interrupts.immediate():
-                _load_compiled(sweep)
+                load_compiled(sweep)
             supervisor.start("classifier")
             for number in range(simulators):
                 if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
@@ -142,10 +134,11 @@ def run_graph(
     return supervisor.left_out
 
 
-def _load_compiled(sweep: Sweep) -> None:
+def load_compiled(sweep: Sweep) -> None:
     """Load the compiled kernel and classifier, or compile them: processes forked later have them already."""
     from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
+    from bow_sim.physics.kinds import common
 
-    Block(sweep.parameters, sweep.lanes(sweep.block(0))).advance()
+    Block(*common(sweep.parameters, sweep.lanes(sweep.block(0)))[:2]).advance()
     precompile()

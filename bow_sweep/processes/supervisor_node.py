@@ -7,6 +7,7 @@ import gc
 import os
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -60,6 +61,8 @@ class Observed:
         Lines for the user -> whether the line is still to be printed.
     ours
         Process numbers of the supervisor's children.
+    heard
+        Those of them whose heartbeats have arrived.
     closed
         The plan is closed: nothing more will be simulated.
     waits
@@ -73,6 +76,7 @@ class Observed:
     details: dict[str, str] = field(default_factory=dict)
     news: dict[str, bool] = field(default_factory=dict)
     ours: set[int] = field(default_factory=set)
+    heard: set[int] = field(default_factory=set)
     closed: bool = False
     waits: tuple[str, float] = ("", 0.0)
 
@@ -124,6 +128,7 @@ class SupervisorNode(BowNode):
         now = seen.awake.now()
         seen.details[message.role] = message.detail
         if message.state != Health.DEAD:
+            seen.heard.add(message.pid)
             seen.watchdog.heartbeat(message.pid, message.role, message.state, message.run_id, now)
         if message.role == "coordinator":
             seen.note_waiting(message.detail if message.state == Health.STARTING else "", now)
@@ -167,12 +172,23 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
         exit_after(0)
 
 
-class _Graph:
-    """The supervisor's node in the graph, which can be made again: see `LOST_S`."""
+class Connection:
+    """The supervisor's node in the graph, which can be made again: see `LOST_S`.
 
-    def __init__(self, namespace: str) -> None:
+    Parameters
+    ----------
+    namespace
+        Of the graph.
+    run_id
+        The run that the watchdog begins with.
+    make
+        Makes the node.
+    """
+
+    def __init__(self, namespace: str, run_id: str, make: type[SupervisorNode] = SupervisorNode) -> None:
         self._arguments = ["bow", "--ros-args", "-r", f"__ns:={namespace}", "--log-file-name", "supervisor"]
-        self.seen = Observed(Watchdog(namespace.rpartition("/")[2]))
+        self._make = make
+        self.seen = Observed(Watchdog(run_id))
         self._made: list[tuple[Context, Executor, SupervisorNode]] = []
 
     def join(self) -> None:
@@ -180,7 +196,7 @@ class _Graph:
         context = Context()
         rclpy.init(args=self._arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
         name = f"supervisor_{len(self._made) + 1}" if self._made else "supervisor"
-        executor, node = EventsExecutor(context=context), SupervisorNode(name, self.seen, context)
+        executor, node = EventsExecutor(context=context), self._make(name, self.seen, context)
         executor.add_node(node)
         self._made.append((context, executor, node))
 
@@ -204,7 +220,7 @@ class _Graph:
 
 def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
     """Make a node in the graph, and watch as long as it exists."""
-    graph = _Graph(supervisor.namespace)
+    graph = Connection(supervisor.namespace, supervisor.namespace.rpartition("/")[2])
     try:
         graph.join()
         _watch(supervisor, graph, display, interrupts)
@@ -212,7 +228,7 @@ def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts)
         graph.leave()
 
 
-def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: Interrupts) -> None:
+def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
     """Spin until the coordinator has finished; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
     seen = graph.seen
@@ -239,7 +255,7 @@ def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: 
         if seen.watchdog.must_join_again(seen.awake.now()):
             display.print_line("the coordinator is not heard any more: joining the graph again")
             graph.join()
-        _restart_unresponsive(supervisor, seen, display, restarts)
+        restart_unresponsive(supervisor, seen, display.print_line, restarts)
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:
             supervisor.release(("simulator", "classifier"))
@@ -250,8 +266,23 @@ def _watch(supervisor: Supervisor, graph: _Graph, display: Display, interrupts: 
         display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
 
 
-def _restart_unresponsive(supervisor: Supervisor, seen: Observed, display: Display, restarts: Counter[str]) -> None:
+def restart_unresponsive(
+    supervisor: Supervisor,
+    seen: Observed,
+    print_line: Callable[[str], None],
+    restarts: Counter[str],
+    stays: bool = False,
+) -> None:
     """Kill the processes that others do not hear: the next round restarts them. Give up where that does not help.
+
+    Parameters
+    ----------
+    print_line
+        Takes a line for the user.
+    restarts
+        Role -> how often that was done; this counts on.
+    stays
+        The graph is there for more than one run: its coordinator is started again too.
 
     Raises
     ------
@@ -278,12 +309,19 @@ def _restart_unresponsive(supervisor: Supervisor, seen: Observed, display: Displ
         restarts[child.role] += 1
         why = f"no heartbeat from {child.name}" if pid in unheard else f"{child.name} is not connected to the others"
         too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
-        if child.role == "coordinator" or too_often:
+        if too_often or (child.role == "coordinator" and not stays):
             raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {_hints()}")
-        display.print_line(f"{why}: it is started again; see {child.log}")
+        print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
     if watchdog.is_stalled(now) and not seen.closed:
-        raise GraphError(f"no progress for {STALL_S:g} s; {seen.details.get('coordinator') or 'nothing is missing'}")
+        why = f"no progress for {STALL_S:g} s; {seen.details.get('coordinator') or 'nothing is missing'}"
+        if not stays:
+            raise GraphError(why)
+        print_line(f"{why}: the coordinator is started again, and its run is given up; it can be resumed")
+        watchdog.progress(object(), now)
+        for child in supervisor.children:
+            if child.role == "coordinator":
+                child.process.kill()
 
 
 def _hints() -> str:

@@ -81,13 +81,13 @@ class Watchdog:
     Parameters
     ----------
     run_id
-        The run of the graph.
+        The run of the graph; an attribute too.
     read_usage
         Returns the :class:`Usage` of a process, by its number.
     """
 
     def __init__(self, run_id: str, read_usage: Callable[[int], Usage] = usage) -> None:
-        self._run_id, self._read_usage = run_id, read_usage
+        self.run_id, self._read_usage = run_id, read_usage
         self._opened = math.inf  # when the coordinator had opened the run
         self._starting: dict[int, _Starting] = {}
         self._patience = STUCK_S
@@ -106,11 +106,11 @@ class Watchdog:
         self._heard[pid] = now
         if role == "coordinator":
             self._coordinator, self._joins = (pid, now), 0
-            if run_id == self._run_id:
+            if run_id == self.run_id:
                 self._opened = min(self._opened, now)
         if state in (NodeState.READY, NodeState.BUSY):
             self.worked.add(pid)
-        without_run = role in CONSUMERS and run_id != self._run_id
+        without_run = role in CONSUMERS and run_id != self.run_id
         (self._without_run.add if without_run else self._without_run.discard)(pid)
         if without_run or (state == NodeState.STARTING and run_id):
             self._starting.setdefault(pid, _Starting(role, now))

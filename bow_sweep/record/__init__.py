@@ -19,6 +19,7 @@ node            the recorder node
 bag_contents    what is in a bag, read byte by byte
 index_contents  what is in a bag by its index
 replay          classifies a bag again
+again           blocks computed again, where streams are not recorded
 verify_files    map, report and ledger against the bag
 verify          accounts for a run
 """

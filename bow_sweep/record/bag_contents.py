@@ -24,7 +24,7 @@ from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.metadata import FileInfo, MetadataError, differences, parse
 from bow_sweep.record.notes import Range, noted_in, outside, too_new, version_in
 from bow_sweep.record.old_messages import OLD_TYPES, complete
-from bow_sweep.record.topics import STORED_ONCE, TOPICS, short_name
+from bow_sweep.record.topics import STORED_ONCE, STREAMS, TOPICS, short_name
 
 Progress = Callable[[float, float], None]
 """Called with (done, total), in bytes."""
@@ -215,21 +215,29 @@ class Survey:
                 self.problem(what, file=file)
 
     def lacks(self, block: int) -> str:
-        """Return why a block is not complete: every chunk stored, classified and receipted; "" where it is."""
+        """Return why a block is not complete: every chunk classified, receipted and, where it is to be, stored.
+
+        "" where it is.
+        """
         assert self.expected is not None
         for chunk in range(self.expected.chunks):
             key = (block, chunk)
-            stored: dict[str, Any] = {**self.places, "verdicts": self.verdicts}
-            lacking = [topic for topic, there in stored.items() if key not in there]
-            if lacking:
+            if lacking := self.lacking(key):
                 return f"chunk {chunk}: no {' and no '.join(lacking)}"
             whole, verdict = self.chunk_checksum(key), self.verdicts[key]
-            if verdict.chunk_checksum != whole:
+            if whole is not None and verdict.chunk_checksum != whole:
                 return f"chunk {chunk}: its verdicts are on other streams"
             for kind, checksum in ((ReceiptKind.STREAMS, whole), (ReceiptKind.VERDICTS, verdict.checksum)):
-                if checksum not in self.receipts.get((kind, *key), ()):
+                if checksum is not None and checksum not in self.receipts.get((kind, *key), ()):
                     return f"chunk {chunk}: no receipt"
         return ""
+
+    def lacking(self, key: Key) -> list[str]:
+        """Return the topics of which a chunk has no message in the bag, but should have one."""
+        assert self.expected is not None
+        stored: dict[str, Any] = {**self.places, "verdicts": self.verdicts}
+        recorded = key[1] in self.expected.recorded_chunks
+        return [topic for topic, there in stored.items() if key not in there and (recorded or topic not in STREAMS)]
 
     def _check_types(self, scan: Scan) -> None:
         for channel in scan.contents.channels.values():
@@ -284,7 +292,7 @@ class Survey:
         if self.expected is None:
             self.expected = SweepOutline.of(plan)
         self._check_run(plan)
-        self.expected = self.expected.grown(plan["rounds"])
+        self.expected = self.expected.followed(plan)
         self.plan = plan
         self.epoch = max(self.epoch, plan["epoch"])
 

@@ -28,6 +28,7 @@ from bow_sweep.record.bag import FOLDER, BagError
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Qos, Topic
 from bow_sweep.run.lock import LockedError, LockError
+from bow_sweep.run.places import find_place
 
 HELP = """
 usage: ros2 run bow recorder [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
@@ -80,6 +81,8 @@ class RecorderNode(BowNode):
             "lock", True, "lock run directories; false: not, for file systems without locks"
         )
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
+        places = self.read_parameter("places", "", "folder of notes that say where runs go, see `bow up`")
+        self._places = Path(places) if places else None
         self._session: Session | None = None
         self._waiting: tuple[dict[str, Any], bytes] | None = None
         self._done_with: tuple[str, int] = ("", 0)  # run and epoch that are closed, or that cannot be recorded
@@ -173,7 +176,8 @@ class RecorderNode(BowNode):
         self._waiting = None
         try:
             SweepOutline.of(plan)  # checks the run_id before it names a directory
-            directory = self._run_dir or self._runs_dir / run
+            place = find_place(self._places, run)
+            directory = self._run_dir or (place.directory if place else self._runs_dir / run)
             if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
                 return  # the run ended before this recorder started
             session = (directory, plan, data, self.incarnation, time.time_ns())
@@ -273,6 +277,8 @@ class RecorderNode(BowNode):
         self._outbox.send([message] if message else ())
         self._count(session)
         how_much = f"{session.messages} messages, {session.bytes / 1e6:.0f} MB in {session.bag.path.parent}"
+        if session.passed:
+            how_much += f"; {session.passed} of the streams are not recorded (record={session.expected.record})"
         self.get_logger().info(f"run {run} closes, {why}: {how_much}")
         self.set_state(Health.CLOSED, f"{session.bag.path.parent} is closed: {why}", run)
 

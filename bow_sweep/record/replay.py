@@ -23,7 +23,7 @@ from bow_sim.atomic_files import replacing
 from bow_sim.physics.parameters import parse_settings
 from bow_sim.protocol import cdr
 from bow_sim.protocol.sweep_outline import SweepOutline
-from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
+from bow_sim.protocol.verdict_fields import differing
 from bow_sweep.maps.basin_map import transient_lengths
 from bow_sweep.maps.reliability import Reliability
 from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
@@ -63,7 +63,7 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
                 message = label(scan.contents, found, path)
                 if message.topic == "plan":
                     plan = cdr.decode("Plan", message.data)
-                    expected = expected.grown(plan["rounds"]) if expected else SweepOutline.of(plan)
+                    expected = expected.followed(plan) if expected else SweepOutline.of(plan)
                     layers = layers or empty_layers(expected)
                 elif message.topic == "verdicts" and expected is not None:
                     try:
@@ -104,11 +104,6 @@ def classify_here(survey: Survey, task: Task) -> Iterator[tuple[Key, dict[str, A
     with Chunks() as chunks:
         for block in range(task.outline.blocks):
             yield from classify_block(survey, task, block, chunks)
-
-
-def differing(recorded: dict[str, np.ndarray], again: dict[str, Any]) -> list[str]:
-    """Return the names of the fields of two verdicts that differ in any byte."""
-    return [name for name in VERDICT_FIELDS if recorded[name].tobytes() != again[name].tobytes()]
 
 
 def task_of(survey: Survey, thresholds: Thresholds | None = None) -> Task:
@@ -183,6 +178,13 @@ def replay(
         first = survey.problems[0]
         raise BagError(f"{directory}: {first['what']} ({first.get('file', '')}); `bow verify` tells more")
     task = task_of(survey)
+    if len(task.outline.recorded_chunks) < task.outline.chunks:
+        raise BagError(
+            f"{directory}: was recorded with record={task.outline.record}: the streams bridge_force and stick_slip of "
+            f"{task.outline.chunks - len(task.outline.recorded_chunks)} of {task.outline.chunks} chunks of each block "
+            "are not in it, so they cannot be replayed; `bow verify --all` computes them again and derives the same "
+            "verdicts, and a sweep with --record all records them"
+        )
     recorded = task.thresholds
     task = task_of(survey, changed(recorded, settings))
     assert survey.expected is not None

@@ -20,6 +20,7 @@ import numpy as np
 from bow_sim.atomic_files import sync_directory
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import FOLDER, BagError, BagWriter
@@ -31,7 +32,7 @@ from bow_sweep.record.metadata import FileInfo
 from bow_sweep.record.notes import custom_data, how, note
 from bow_sweep.record.recover import repair
 from bow_sweep.record.schema import type_hash
-from bow_sweep.record.topics import NAMESPACE, STORED_ONCE, TOPICS, Topic, full_names
+from bow_sweep.record.topics import NAMESPACE, STORED_ONCE, STREAMS, TOPICS, Topic, full_names
 from bow_sweep.run.lock import locked
 
 COMMIT_BYTES = 4 << 20
@@ -74,6 +75,8 @@ class Session:
         The stream messages and verdicts in the bag.
     messages, bytes
         Recorded in this session.
+    passed
+        Stream messages that came in this session and are not to be recorded, see :mod:`bow_sim.protocol.recording`.
     ignored
         Number of messages that are not of this run or cannot be decoded.
     complaints
@@ -110,7 +113,7 @@ class Session:
         self.expected = SweepOutline.of(plan)
         self.stored = StoredMessages()
         self.incarnation = incarnation
-        self.messages = self.bytes = self.ignored = 0
+        self.messages = self.bytes = self.ignored = self.passed = 0
         self.complaints: Counter[str] = Counter()
         self.senders: set[tuple[str, str]] = set()
         self.last_plan: dict[str, Any] = {}
@@ -147,14 +150,16 @@ class Session:
             with open(self.directory / FOLDER / file.name, "rb") as stream:
                 os.fdatasync(stream.fileno())
         for topic, places in survey.places.items():
-            self.stored.restore(topic, {key: place.checksum for key, place in places.items()})
+            due = self.expected.recorded_chunks
+            self.stored.restore(topic, {key: place.checksum for key, place in places.items() if key[1] in due})
         self.stored.restore("verdicts", {key: verdict.checksum for key, verdict in survey.verdicts.items()})
         self._on_disk = {block: attempt for block, attempt in survey.attempts.items() if self._is_whole(block)}
         unanswered = [block for block in self._on_disk if (ReceiptKind.BLOCK, block, 0) not in survey.receipts]
         self._answer_blocks({block: self._on_disk[block] for block in sorted(unanswered)})
 
     def _is_whole(self, block: int) -> bool:
-        return self.stored.count(block) == len(STORED_ONCE) * self.expected.chunks
+        streams = len(STREAMS) * len(self.expected.recorded_chunks)
+        return self.stored.count(block) == streams + self.expected.chunks
 
     def _answer_blocks(self, attempts: Mapping[int, int]) -> None:
         """Confirm in the next receipt that blocks are on the disk."""
@@ -175,12 +180,14 @@ class Session:
     def plan(self, plan: Mapping[str, Any], data: bytes, now: int) -> None:
         """Take in a plan of this run. A closing one is kept until the end: it is the last message of the bag."""
         try:
-            self.expected = self.expected.grown(plan["rounds"])
+            self.expected = self.expected.followed(plan)
         except ParameterError as error:
             self.ignored += 1
             self.complaints[f"plan: {error}"] += 1
             return
         self.last_plan = dict(plan)
+        if is_measured(plan) and self._is_whole(0):  # only now it is known how long it is
+            self._whole.setdefault(0, 1)
         if self.closed:
             self._closing = data
         else:
@@ -190,7 +197,7 @@ class Session:
         """Take in a message, by the key of its topic in `TOPICS`; `now` in nanoseconds since 1970."""
         try:
             if topic in STORED_ONCE:
-                if not self._once(topic, data):
+                if self._passes(topic, data) or not self._once(topic, data):
                     return
             elif topic in RUN_OF and not self._is_of_run(topic, data):
                 return
@@ -199,6 +206,19 @@ class Session:
             self.complaints[f"{topic}: {error}"] += 1
             return
         self._add(topic, data, now)
+
+    def _passes(self, topic: str, data: bytes) -> bool:
+        """Return whether a message is one of a stream that is not to be recorded: its verdicts answer it."""
+        if topic not in STREAMS or len(self.expected.recorded_chunks) == self.expected.chunks:
+            return False
+        values = cdr.decode_head(STORED_ONCE[topic], data)
+        if reason := self.expected.identity_objection(values):
+            raise cdr.WireError(reason)
+        if values["chunk"] in self.expected.recorded_chunks:
+            return False
+        self.senders.add((topic, values["incarnation"]))
+        self.passed += 1
+        return True
 
     def _add(self, topic: str, data: bytes, now: int) -> None:
         self.messages += 1

@@ -58,6 +58,9 @@ TOPICS: dict[str, Topic] = {
 STORED_ONCE = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
 """Topic -> message type, as :mod:`bow_sim.protocol.cdr` names it, of messages with an identity: each is stored once."""
 
+STREAMS = ("bridge_force", "stick_slip")
+"""Topics of the two messages of a chunk. Which chunks are recorded is a setting of the sweep."""
+
 
 NAMESPACE = "/bow"
 """Namespace of the topics in a bag."""

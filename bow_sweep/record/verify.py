@@ -1,6 +1,7 @@
 """Checks a run: every cell, chunk, sample and checksum of its bag, and its verdicts, which are computed again.
 
-The recorded streams are the reference: verdicts, receipts, plan, map and ledger are compared with them.
+The recorded streams are the reference: verdicts, receipts, plan, map and ledger are compared with them. Of a run that
+does not record them, some blocks are computed again instead, see :mod:`bow_sweep.record.again`.
 """
 
 from __future__ import annotations
@@ -15,11 +16,13 @@ from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sim.protocol.verdict_fields import differing
 from bow_sweep.plan.adaptive import next_round, within_budget
+from bow_sweep.record.again import Again, Kernel, compare
 from bow_sweep.record.bag import FOLDER, BagError, bag_of
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
-from bow_sweep.record.replay import SCAN_SHARE, classify_block, differing, task_of
+from bow_sweep.record.replay import SCAN_SHARE, classify_block, task_of
 from bow_sweep.record.verify_files import FileChecks, transient_lengths
 
 RECEIPTS_BLOCKS = 2
@@ -27,7 +30,11 @@ RECEIPTS_BLOCKS = 2
 
 
 def verify(
-    run_directory: Path, progress: Progress | None = None, classify: bool = True, index: bool = False
+    run_directory: Path,
+    progress: Progress | None = None,
+    classify: bool = True,
+    index: bool = False,
+    again: Again | None = None,
 ) -> dict[str, Any]:
     """Check everything in a run's bag.
 
@@ -41,13 +48,17 @@ def verify(
         Compute the verdicts again.
     index
         Find the messages by the index of the files and trust their checksums, instead of reading every byte.
+    again
+        What to compute again; None: nothing.
 
     Returns
     -------
     dict
         For JSON. ``ok``: there is no problem. ``cells``, ``chunks``, ``samples``: complete, each counted once;
-        ``*_planned``: planned, which includes ``cells_quarantined``. ``verdicts_equal``: the number of ``chunks`` whose
-        verdicts were computed again with the same bytes. ``quarantined_blocks``: listed, and no problem, because the
+        ``*_planned``: planned, which includes ``cells_quarantined``. ``chunks_recorded``: those whose streams are in
+        the bag. ``verdicts_equal``: the number of ``chunks`` whose verdicts were derived again with the same bytes.
+        ``computed_again``: blocks and cells that were, and how many of the cells are as recorded; only where ``again``
+        asks for some. ``quarantined_blocks``: listed, and no problem, because the
         sweep has reported them. ``problems``: dicts with ``what``, ``run`` and the place: ``block``, ``chunk``,
         ``file`` ...
     """
@@ -59,14 +70,21 @@ def verify(
         survey.problem(str(error))
     else:
         survey.read(progress, SCAN_SHARE if classify else 1.0)
-    return {**account(survey, Path(run_directory), classify, progress), "seconds": round(time.monotonic() - began, 2)}
+    result = account(survey, Path(run_directory), classify, progress, again)
+    return {**result, "seconds": round(time.monotonic() - began, 2)}
 
 
-def account(survey: Survey, run_directory: Path, classify: bool, progress: Progress | None = None) -> dict[str, Any]:
+def account(
+    survey: Survey,
+    run_directory: Path,
+    classify: bool,
+    progress: Progress | None = None,
+    again: Again | None = None,
+) -> dict[str, Any]:
     """Check what was found in a bag against its plan, itself, and the files beside it; see :func:`verify`."""
     result: dict[str, Any] = {"ok": False, "directory": str(run_directory)}
     if survey.expected is not None and survey.plan:
-        result |= _Accounts(survey, survey.expected).all(run_directory, progress, classify)
+        result |= _Accounts(survey, survey.expected).all(run_directory, progress, classify, again)
     elif survey.files:
         survey.problem("the bag holds no plan", file=FOLDER)
     return {
@@ -92,7 +110,9 @@ class _Accounts:
         self.complete = np.zeros(expected.blocks, bool)
         self.equal = 0
 
-    def all(self, run_directory: Path, progress: Progress | None, classify: bool) -> dict[str, Any]:
+    def all(
+        self, run_directory: Path, progress: Progress | None, classify: bool, again: Again | None
+    ) -> dict[str, Any]:
         """Check everything; return the counts."""
         expected, survey = self.expected, self.survey
         if survey.plan["state"] != PlanState.CLOSED:
@@ -100,8 +120,7 @@ class _Accounts:
         for block in range(expected.blocks):
             self._block(block)
         self._receipts()
-        if classify:
-            self._classify(progress)
+        proved = self._derive(progress, again) if classify else {}
         done = expected.planned.cells_of(np.flatnonzero(self.complete))
         self._rounds(done)
         sizes = np.array([expected.planned.size(block) for block in range(expected.blocks)])
@@ -115,12 +134,14 @@ class _Accounts:
             "cells_quarantined": int(sizes[quarantined].sum()),
             "chunks": int(self.complete.sum()) * expected.chunks,
             "chunks_planned": expected.blocks * expected.chunks,
+            "chunks_recorded": int(self.complete.sum()) * len(expected.recorded_chunks),
             "samples": int(sizes[self.complete].sum()) * expected.chunks * expected.chunk_samples,
             "samples_planned": expected.planned.planned_cells * expected.chunks * expected.chunk_samples,
             "verdicts": len(survey.verdicts),
             "verdicts_equal": self.equal,
             "classifier": survey.plan["classifier"],
             "quarantined_blocks": np.flatnonzero(quarantined).tolist(),
+            **proved,
             "notes": self.notes,
         }
         FileChecks(run_directory, survey, expected, self.states, done, counts).check()
@@ -129,15 +150,14 @@ class _Accounts:
     # ---- every chunk once
 
     def _block(self, block: int) -> None:
-        """Check that every chunk of a block is stored, with verdicts on exactly these streams."""
+        """Check that every chunk of a block is stored as far as it is to be, with verdicts on exactly its streams."""
         survey, state = self.survey, self.states[block]
         if state == BlockState.QUARANTINED:
             return
         missing = 0
         for chunk in range(self.expected.chunks):
             key = (block, chunk)
-            stored: dict[str, Any] = {**survey.places, "verdicts": survey.verdicts}
-            lacking = [topic for topic, places in stored.items() if key not in places]
+            lacking = survey.lacking(key)
             missing += bool(lacking)
             if lacking and state == BlockState.DONE:
                 self.problem("missing", block=block, chunk=chunk, topics=lacking)
@@ -189,25 +209,55 @@ class _Accounts:
 
     # ---- verdicts
 
-    def _classify(self, progress: Progress | None) -> None:
-        """Compute the verdicts of all blocks again from the recorded streams, and compare them."""
+    def _derive(self, progress: Progress | None, again: Again | None) -> dict[str, Any]:
+        """Derive the verdicts again and compare them; return what is said of blocks that were computed again.
+
+        They are derived from the recorded streams where these are all recorded.
+        """
         survey = self.survey
         try:
             task = task_of(survey)
         except ParameterError as error:
             self.problem(f"the plan cannot be classified: {error}")
-            return
+            return {}
         if task.thresholds.hash != survey.plan["classifier"]:
             self.notes.append(
                 f"classified with {survey.plan['classifier']}, here is {task.thresholds.hash}: the numbers of the "
                 "verdicts are compared, their hash is not"
             )
+        outline = task.outline
+        recorded = len(outline.recorded_chunks) == outline.chunks
+        stored = [block for block in range(outline.blocks) if recorded and self.states[block] != BlockState.QUARANTINED]
+        drawn = again.draw(outline, np.flatnonzero(self.complete).tolist()) if again else []
+        steps = len(stored) + len(drawn)
+        equal: list[int] = []
         with Chunks() as chunks:
-            for block in range(task.outline.blocks):
-                if self.states[block] != BlockState.QUARANTINED:
+            for number, block in enumerate(stored + drawn, 1):
+                if number <= len(stored):
                     self._classify_block(task, block, chunks)
+                elif again is not None and self._compute_block(task, block, again.kernel, count=not recorded):
+                    equal.append(block)
                 if progress is not None:
-                    progress(SCAN_SHARE * task.outline.blocks + (1 - SCAN_SHARE) * (block + 1), task.outline.blocks)
+                    progress(SCAN_SHARE * steps + (1 - SCAN_SHARE) * number, steps)
+        if not recorded and not drawn:
+            self.notes.append(f"the run was recorded with record={outline.record}, and nothing was computed again")
+        if not drawn:
+            return {}
+        cells = {name: sum(map(outline.planned.size, blocks)) for name, blocks in (("cells", drawn), ("equal", equal))}
+        return {"computed_again": {"blocks": drawn, **cells, "seed": again.seed if again else 0}}
+
+    def _compute_block(self, task: Any, block: int, kernel: Kernel, count: bool) -> bool:
+        """Compute a block again; return whether it is as recorded."""
+        what = "it gave no chunk"
+        try:
+            for key, what in compare(self.survey, task, block, kernel):
+                self.equal += count and not what
+                if what:
+                    self.problem(what, block=block, chunk=key[1])
+        except ParameterError as error:
+            self.problem(f"cannot be computed again: {error}", block=block)
+            return False
+        return not what
 
     def _classify_block(self, task: Any, block: int, chunks: Chunks) -> None:
         try:

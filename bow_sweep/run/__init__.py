@@ -5,6 +5,6 @@ ledger_events  the events of the ledger, and its instructions
 ledger_file    the ledger on disk, ledger.jsonl
 lock           file locks of a run directory
 directory      the directory of a run: ledger, report
-campaign       several sweeps as one
+places         where the runs of a standing graph go
 errors         RunError
 """

@@ -34,6 +34,9 @@ from bow_sweep.run.ledger_file import LEDGER, latest_states, read_ledger, set_le
 from bow_sweep.run.lock import take
 
 REPORT, PICTURE = "report.json", "map.png"
+STUDY, CAMPAIGN = "study.yaml", "campaign.json"
+"""Files that say what a directory of several runs is for; the second is of before there were studies."""
+
 VERSIONS_OF = (
     "bow",
     "numpy",
@@ -107,7 +110,8 @@ class Run:
                 raise RunError(f"{directory}: holds a run already; resume it, or choose another directory")
             blocks = sweep.first_blocks
             first = [planned(run_id, sweep), *([round_entry(blocks)] if blocks.adaptive else [])]
-            run = cls(directory, run_id, sweep, blocks, Ledger(sweep.blocks, sweep.chunks), locked, first)
+            ledger = Ledger(sweep.blocks, sweep.chunks, sweep.recorded_chunks)
+            run = cls(directory, run_id, sweep, blocks, ledger, locked, first)
         except OSError as error:
             raise RunError(f"{directory}: cannot be written: {error.strerror}") from None
         return run
@@ -131,7 +135,8 @@ class Run:
             blocks = blocks_of(sweep, entries)
         except ValueError as error:
             raise RunError(f"{directory / LEDGER}: {error}") from None
-        run = cls(directory, plan["run_id"], sweep, blocks, Ledger.resume(blocks.count, sweep.chunks, entries), locked)
+        ledger = Ledger.resume(blocks.count, sweep.chunks, entries, sweep.recorded_chunks)
+        run = cls(directory, plan["run_id"], sweep, blocks, ledger, locked)
         run.quarantined = {
             e["block"]: e.get("why", "")
             for e in entries
@@ -344,7 +349,7 @@ def blocks_of(sweep: Sweep, entries: Iterable[Mapping[str, Any]]) -> Blocks:
     rounds = [np.array(entry["cells"], np.int64) for entry in entries if entry.get("event") == "round"]
     if not rounds:
         return sweep.first_blocks
-    blocks = Blocks(sweep.cells, sweep.block_cells, [])
+    blocks = Blocks(sweep.cells, sweep.block_cells, [], sweep.kinds)
     for cells in rounds:
         blocks = blocks.grown(cells)
     return blocks

@@ -1,9 +1,9 @@
 """Which simulator has which block, and what is acknowledged: a pure state machine, events in, instructions out.
 
 A block is *due* (to be sent), *dispatched* (sent to a simulator, not yet done), *done* or *quarantined* (given up).
-Done means: for every chunk the recorder has receipted the streams and the verdicts, the classifier has judged the bytes
-that were recorded, and all of the block is on the disk. After every event, planned = done + quarantined + outstanding,
-where outstanding = due + dispatched.
+Done means: the recorder has receipted the verdicts of every chunk, and the streams of every chunk that is recorded with
+them; the classifier has judged the bytes that were recorded; and all of the block is on the disk. After every event,
+planned = done + quarantined + outstanding, where outstanding = due + dispatched.
 
 The machine has no clock and no file: the time is passed in, and an entry that must be on the disk before the next
 instruction is returned as a :class:`Record`. :meth:`Ledger.resume` builds the machine again from such entries.
@@ -99,6 +99,8 @@ class Ledger:
     ----------
     blocks, chunks
         How many blocks the sweep has so far, and how many chunks each block has.
+    recorded
+        The chunks whose streams are recorded; None for all.
 
     Attributes
     ----------
@@ -110,10 +112,11 @@ class Ledger:
         Simulator -> the blocks that it holds, the one being computed first.
     """
 
-    def __init__(self, blocks: int, chunks: int) -> None:
+    def __init__(self, blocks: int, chunks: int, recorded: range | None = None) -> None:
         if blocks < 1 or chunks < 1:
             raise ValueError(f"{blocks} blocks of {chunks} chunks: there should be at least one of each")
         self.chunks = chunks
+        self.recorded = range(chunks) if recorded is None else recorded
         self.epoch = 1
         self.blocks = [_Block() for _ in range(blocks)]
         self.in_flight: dict[str, list[int]] = {}
@@ -121,9 +124,11 @@ class Ledger:
         self._due = list(range(blocks))
 
     @classmethod
-    def resume(cls, blocks: int, chunks: int, entries: Iterable[Mapping[str, Any]]) -> Ledger:
+    def resume(
+        cls, blocks: int, chunks: int, entries: Iterable[Mapping[str, Any]], recorded: range | None = None
+    ) -> Ledger:
         """Return the ledger of an interrupted run, in a new epoch, from its recorded entries."""
-        ledger = cls(blocks, chunks)
+        ledger = cls(blocks, chunks, recorded)
         for entry in entries:
             ledger.epoch = max(ledger.epoch, int(entry.get("epoch", 1)))
             number = entry.get("block")
@@ -187,7 +192,7 @@ class Ledger:
                     differs = self.blocks[number].judged.setdefault(chunk, checksums) != checksums
                     self._answered(number, chunk, differs, now, out)
             case Receipted(number, chunk, checksum, verdicts):
-                if self._concerns(number, chunk):
+                if self._concerns(number, chunk) and (verdicts or chunk in self.recorded):
                     block = self.blocks[number]
                     answers = block.verdicts if verdicts else block.streams
                     differs = answers.setdefault(chunk, checksum) != checksum
@@ -246,7 +251,8 @@ class Ledger:
             self._settle(number, State.DONE, "", out)
 
     def _all_answered(self, block: _Block) -> bool:
-        return len(block.streams) == len(block.judged) == len(block.verdicts) == self.chunks
+        streams = len(block.streams) == len(self.recorded)
+        return streams and len(block.judged) == len(block.verdicts) == self.chunks
 
     def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
         # A block may be done while the report that the simulator has finished it is still on its way: it is left out.

@@ -333,7 +333,7 @@ def _tab(portrait: Portrait) -> rrb.Horizontal:
         (6, _diagram(f"{root}/spectrum", "Spectrum of the last periods, harmonics")),
         (2, rrb.AudioView(origin=f"{root}/sound", name="Sound: press play below")),
     ]
-    name = f"{record.x_name} {record.x:.3g}, {record.y_name} {record.y:.3g} (cell {record.cell})"
+    name = f"{record.place(form='.3g')} (cell {record.cell})"
     return rrb.Horizontal(
         rrb.Vertical(*(view for _, view in rows), row_shares=[share for share, _ in rows]),
         rrb.Vertical(*(view for _, view in side), row_shares=[share for share, _ in side]),

@@ -60,6 +60,8 @@ def from_bag(directory: Path, run_id: str, missing: Mapping[int, Ranges], proble
                     continue
                 if force is not None:
                     yield Found(cell, chunk * samples, force)
+                elif chunk not in bag.outline.recorded_chunks:
+                    problems.append(f"the run was recorded with record={bag.outline.record}")
     finally:
         bag.close()
 

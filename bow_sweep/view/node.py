@@ -12,19 +12,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bow_msgs.msg import BasinMap, Health, InspectedCell, Plan
+from bow_msgs.msg import BasinMap, BridgeForce, Health, InspectedCell, Plan, Verdicts
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
-from bow_sim.graph.node_base import INSPECT, LATCHED, BowNode, StartupError
+from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, BowNode, StartupError
 from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
+from bow_sim.protocol.inspected import SPREAD, spread_over
+from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.neighbours import Neighbour
+from bow_sim.protocol.sweep_outline import SweepOutline
+from bow_sweep.run.places import find_place
 from bow_sweep.view.status_page import NodeStatus
 from bow_sweep.view.viewer import Screen, port_of
 from bow_sweep.view.wanted import NO_DISPLAY, NOTE, free_port, has_display, port_problem
 
 if TYPE_CHECKING:
     from bow_sweep.view.live_run import LiveRun
+    from bow_sweep.view.measured_view import MeasuredView
 
 HELP = """
 usage: ros2 run bow dashboard [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -p run_dir:=DIRECTORY]
@@ -60,6 +66,8 @@ class DashboardNode(BowNode):
         runs_dir = self.read_parameter("runs_dir", "runs", "directory of the run directories, each named by its run_id")
         run_dir = self.read_parameter("run_dir", "", "exact run directory, instead of one below runs_dir")
         self._runs_dir, self._run_dir = Path(runs_dir), Path(run_dir) if run_dir else None
+        places = self.read_parameter("places", "", "folder of notes that say where runs go, see `bow up`")
+        self._places = Path(places) if places else None
         self._view = self.read_parameter("view", False, "open the live viewer when a sweep opens")
         self._port = self.read_parameter(
             "port", 0, "serve viewers on this port of 127.0.0.1; 0 = no server", (0, 65535)
@@ -75,7 +83,8 @@ class DashboardNode(BowNode):
             raise StartupError(f"parameter connect = {self._uri!r}: should be like rerun+http://127.0.0.1:9876/proxy")
         inspected = self.read_parameter("inspect", [0], "cells whose waveforms are complete in the recording of a run")
         self._inspected: list[int] = list(inspected or ())
-        self._live: LiveRun | None = None
+        self._live: LiveRun | MeasuredView | None = None
+        self._measured: dict[str, Subscription] = {}  # of the streams that only a measured string is drawn from
         self._recorders: dict[str, bool] = {}  # run -> whether the recorder has closed its bag
         self._over: tuple[str, int] = ("", -1)
         self._early: dict[str, Any] | None = None  # a map that came before its plan
@@ -130,14 +139,21 @@ class DashboardNode(BowNode):
         if not IDENTITY.fullmatch(run):
             self.ignore(f"plan: run_id {run!r} should be 16 hexadecimal digits")
             return
-        directory = self._run_dir or self._runs_dir / run
+        place = find_place(self._places, run)
+        if place is not None and not place.dashboard:
+            return
+        directory = self._run_dir or (place.directory if place else self._runs_dir / run)
         if plan["state"] == Plan.CLOSED and not self._run_dir and not (directory / FILE).exists():
             return  # the run ended before this dashboard started, and was not asked for by its directory
         if not self._run_dir and (directory / FILE).exists() and not self.works_for(plan["incarnation"], run):
             self.ignore(f"plan: run {run} has a recording, and no living coordinator works for it")
             return
         try:
-            self._live = LiveRun(directory, plan, self._inspected, self._uri, self.get_logger().warning)
+            if is_measured(plan):
+                self._live = self._open_measured(directory, plan)
+            else:
+                inspected = spread_over(SweepOutline.of(plan)) if self._inspected == [SPREAD] else self._inspected
+                self._live = LiveRun(directory, plan, inspected, self._uri, self.get_logger().warning)
         except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
             self._fail(f"{directory / FILE}: {error}", run)
             return
@@ -146,6 +162,19 @@ class DashboardNode(BowNode):
         early, self._early = self._early, None
         if early is not None and early["run_id"] == run:
             self._on_map(early)
+
+    def _open_measured(self, directory: Path, plan: dict[str, Any]) -> MeasuredView:
+        """Open the view of a measured string, and listen to its streams: nobody waits for this reader of them."""
+        from bow_sweep.view.measured_view import MeasuredView
+
+        for kind, topic, taker in (
+            (Verdicts, "verdicts", lambda values: self._guarded(lambda live: live.verdicts(values))),
+            (BridgeForce, "bridge_force", lambda values: self._guarded(lambda live: live.force(values))),
+        ):
+            if topic not in self._measured:
+                take = self._taker(kind.__name__, taker)
+                self._measured[topic] = self.create_subscription(kind, topic, take, STREAM, raw=True)
+        return MeasuredView(directory, plan, self._uri, self.get_logger().warning)
 
     def _become_busy(self) -> None:
         """Publish which file is written, and the notes for the user."""
@@ -231,7 +260,7 @@ class DashboardNode(BowNode):
         if self._guarded(lambda live: live.tick(self._nodes.values())):
             self._finish("the plan is closed")
 
-    def _guarded(self, do: Callable[[LiveRun], Any]) -> Any:
+    def _guarded(self, do: Callable[[Any], Any]) -> Any:
         """Call `do` with the run on display, if there is one; stop displaying it if that fails."""
         live = self._live
         if live is None:

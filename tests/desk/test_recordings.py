@@ -11,8 +11,17 @@ from scipy.io import wavfile
 from scipy.signal import resample_poly
 
 import bow
-from bow.force_slips import SLIPPING, bow_speed, intervals, polarity, quiet_phase, round_trip, velocity
-from bow.recordings import RecordingError, read_recording
+from bow.recorded import read_recording
+from bow.recordings import RecordingError
+from bow_classifier.measured.force_slips import (
+    SLIPPING,
+    bow_speed,
+    intervals,
+    polarity,
+    quiet_phase,
+    round_trip,
+    velocity,
+)
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_sweep.cli import main
 
@@ -179,11 +188,11 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     np.save(tmp_path / "a.npy", np.sin(np.arange(9999.0)))
     (tmp_path / "b.wav").write_bytes(b"RIFF")
     for words, said in (
-        (["a.npy"], "does not say its sample rate; give --rate HZ"),
+        (["a.npy"], "does not say its sample rate; give it"),
         (["a.npy", "--rate", "44100", "--channel", "1"], "channel 1: it has 1, from 0 on"),
         (["b.wav"], "cannot be read as a recording"),
         (["c.wav"], "there is no such file"),
-        (["d.mp3"], "should end in .wav or .npy"),
+        (["d.mp3"], "should end in .wav, .npy or .mcap"),
     ):
         assert main(["classify", str(tmp_path / words[0]), *words[1:], "--f0", "440"]) == 2
         (line,) = capsys.readouterr().err.splitlines()
@@ -192,5 +201,5 @@ def test_a_wrong_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 def test_one_channel_of_several_is_taken(tmp_path: Path) -> None:
     wavfile.write(tmp_path / "a.wav", 8000, np.array([[1, 10], [2, 20]], np.int16))
-    samples, rate = read_recording(tmp_path / "a.wav", 1)
-    assert (samples.tolist(), rate) == ([10.0, 20.0], 8000.0)
+    found = read_recording(tmp_path / "a.wav", 1)
+    assert (found.samples.tolist(), found.sample_rate) == ([10.0, 20.0], 8000.0)

@@ -8,5 +8,8 @@ bow() {
     small+=(--periods 30 --no-dashboard)
     [[ $* == *--nx* ]] || small+=(--nx 16 --ny 8)
   fi
+  if [[ ${1-} == study || ${1-} == optimise ]] && [[ $* != *--resume* ]]; then
+    small+=(--periods 20)
+  fi
   command bow "$@" "${small[@]}"
 }

@@ -25,6 +25,7 @@ def test_a_notebook_is_valid_and_is_stored_without_results(path: Path) -> None:
 @pytest.mark.full
 @pytest.mark.timeout(600)
 @pytest.mark.filterwarnings("default")
+@pytest.mark.usefixtures("ros_domain")  # one of them starts a sweep
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from nbclient import NotebookClient

@@ -25,9 +25,9 @@ def test_a_campaign_that_was_cut_off_is_gone_on_with(tmp_path: Path) -> None:
         assert sweep.wait() == 0, sweep.text
         assert "fig11f (5 of 5)" in sweep.text or "fig11f: stiff_cremer" in sweep.text
     assert (campaign / "fig11a" / "report.json").read_bytes() == first
-    report = json.loads((campaign / "report.json").read_text())
+    report = json.loads((campaign / "study.json").read_text())
     assert report["cells"] == {"planned": 48, "done": 48, "quarantined": 0, "outstanding": 0}
-    assert list(report["runs"]) == [f"fig11{letter}" for letter in "abcdef"]
+    assert [each["run"] for each in report["maps"]] == [f"fig11{letter}" for letter in "abcdef"]
     assert (campaign / "maps.png").stat().st_size > 10_000
     verified(campaign / "fig11b")
     again = bow("sweep", "--resume", str(campaign))

@@ -9,7 +9,8 @@ strangers, of other runs and epochs. It holds
 * every accepted block ends exactly once, complete or refused, and nothing of it is computed or published after that;
 * a block is complete when each of its chunks was published once, in order;
 * nothing is computed or published of a block that is void: of another run, an older epoch, or settled;
-* never are more chunks under way than the credit;
+* never are more chunks under way than the credit; a chunk whose streams are not recorded is under way until it is
+  judged;
 * what is unanswered is sent again while both consumers are alive, never after it was answered or settled, and never
   while the worker has other work;
 * a hello goes out only if nothing is under way, and only in a run;
@@ -45,6 +46,7 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import RESEND_S
 from bow_sim.protocol.neighbours import UNCONFIRMED_S
+from bow_sim.protocol.recording import RECORD, recorded_chunks
 from bow_sim.protocol.states import NodeState, PlanState, ReceiptKind
 from bow_sim.simulator_events import (
     BlockReceived,
@@ -69,8 +71,9 @@ HELLO = tuple(cdr.hello(name, OWN) for name in ("BridgeForce", "StickSlip"))
 
 
 class Sessions(RuleBasedStateMachine):
-    @initialize(credit=st.integers(1, 3))
-    def start(self, credit: int) -> None:
+    @initialize(credit=st.integers(1, 3), record=st.sampled_from(list(RECORD)))
+    def start(self, credit: int, record: str) -> None:
+        self.record = record
         self.session = SimulatorSession(OWN, "f", lambda *who: who in self.living, credit, self.prepare)
         self.authority = Authority(lambda *who: who in self.living)
         self.living = {(COORDINATOR, run) for run, _ in RUNS}
@@ -89,7 +92,7 @@ class Sessions(RuleBasedStateMachine):
         self.check_readers(True, True)
 
     def prepare(self, message: dict[str, Any]) -> BlockRequest:
-        self.prepared.append(request(message))
+        self.prepared.append(request(message, self.record))
         return self.prepared[-1]
 
     def is_void(self, held: BlockRequest) -> bool:
@@ -281,7 +284,8 @@ class Sessions(RuleBasedStateMachine):
                 entry = self.unanswered.get((number, chunk))
                 if entry is not None and kind != ReceiptKind.BLOCK:
                     entry[1].add(int(kind))
-                    if len(entry[1]) == 2:
+                    streams = {ReceiptKind.STREAMS} if chunk in recorded_chunks(self.record, CHUNKS) else set()
+                    if entry[1] >= {ReceiptKind.VERDICTS} | streams:
                         del self.unanswered[number, chunk]
         self.tell(ReceiptReceived(message))
 

@@ -27,6 +27,7 @@ from bow_sweep.coordinator.session_events import (
     PublishMap,
     ResultsWritten,
     RunEnded,
+    RunGiven,
     SetState,
     WriteResults,
 )
@@ -99,9 +100,9 @@ class World:
         self.closed_at = self.plan_at = 0.0
         self.goal: bytes | None = None
 
-    def create(self, sweep: Sweep) -> Run:
+    def create(self, sweep: Sweep, _goal: bytes) -> RunGiven:
         identity = random_id()
-        return Run.create(self.directory / identity, identity, sweep)
+        return RunGiven(Run.create(self.directory / identity, identity, sweep))
 
     # ---- events
 

@@ -34,11 +34,12 @@ def receipt(entries: list[tuple[int, int, int]], run: tuple[str, str] = RUNS[0])
     return {"run_id": run[0], "sweep_id": run[1], **dict(zip(("block", "chunk", "kind"), columns, strict=True))}
 
 
-def request(message: dict[str, Any]) -> BlockRequest:
+def request(message: dict[str, Any], record: str = "all") -> BlockRequest:
     """Stands in for bow_sim.block_request.prepare: no kernel."""
     if not message["cells"]:
         raise ValueError("cells: there should be some")
-    return BlockRequest(message, SimpleNamespace(parameters=SimpleNamespace(chunks=CHUNKS)))  # type: ignore[arg-type]
+    string: Any = SimpleNamespace(parameters=SimpleNamespace(chunks=CHUNKS))
+    return BlockRequest(message, string, record)
 
 
 def chunk_messages(instruction: ComputeChunk) -> tuple[bytes, ...]:

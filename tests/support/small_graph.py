@@ -81,8 +81,8 @@ class SmallGraph:
     ) -> None:
         self.directory, self.sweep, self.cut_after, self.on_chunk = directory, sweep, cut_after, on_chunk
         self.log: list[str] = []
-        create = lambda sweep: Run.create(directory, recording.RUN, sweep)
-        self.given = RunGiven(*resume(directory, self.log.append)) if again else RunGiven(create(sweep))
+        create = lambda sweep, _goal=b"": RunGiven(Run.create(directory, recording.RUN, sweep))
+        self.given = RunGiven(*resume(directory, self.log.append)) if again else create(sweep)
         self.seconds = itertools.count()
         self.neighbours = Neighbours(COORDINATOR, "here")
         self.coordinator = CoordinatorSession(

@@ -202,7 +202,8 @@ class Targets:
             elif kind == "uint32" and chance.random() < 0.3:
                 values[field] = chance.choice([0, 3, 4, 2**32 - 1])
         data = cdr.encode(name, values)
-        session = CoordinatorSession("c" * 16, "here", "/bow", Neighbours("c" * 16, "here"), Run, lambda: 0.0)
+        no_run: Any = None
+        session = CoordinatorSession("c" * 16, "here", "/bow", Neighbours("c" * 16, "here"), no_run, lambda: 0.0)
         run: Any = SimpleNamespace(run_id=recording.RUN, sweep=SWEEP, blocks=SWEEP.first_blocks, directory=self.room)
         run.ledger, run.cells_in = Ledger(SWEEP.blocks, SWEEP.chunks), lambda _: 0
         run.record, run.next_round, run.accounts, run.quarantined = list, lambda _: False, Counter, {}

@@ -16,6 +16,14 @@ def test_a_chunk_is_under_way_until_it_is_recorded_and_judged() -> None:
     assert not window.full
 
 
+def test_a_chunk_whose_streams_are_not_recorded_is_under_way_until_it_is_judged() -> None:
+    window = Window(limit=1)
+    window.sent((0, 0), [b"x"], 0, recorded=False)
+    assert window.full
+    assert window.answered((0, 0), 0, judged=True)
+    assert not window.full
+
+
 def test_bytes_under_way_are_limited_too() -> None:
     window = Window(limit=100)
     large = bytes(LIMIT_BYTES // 2)

@@ -103,6 +103,10 @@ def test_a_reflection_function_of_ones_own(tmp_path: Path, capsys: pytest.Captur
         (["replay", "/nowhere"], "/nowhere"),
         (["recover", "/nowhere"], "/nowhere"),
         (["figure", "1", "--out", "f.png"], "figure"),
+        (["sweep", "fig11d", "--record", "nothing"], "record = 'nothing': should be one of all, last, verdicts"),
+        (["sweep", "--resume", "run", "--record", "all"], "--resume takes the sweep from the run directory"),
+        (["verify", "run", "--sample", "-1"], "--sample -1: should be 0 or more"),
+        (["verify", "run", "--seed", "-1"], "--seed -1: should be 0 or more"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(

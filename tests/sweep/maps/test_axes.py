@@ -68,3 +68,38 @@ def test_titles_name_parameter_symbol_and_unit():
         "round trip from bow to bridge  bow_bridge  (samples)"
     )
     assert PlotAxis.of("unheard_of", np.arange(3.0)).title(mathematics=False) == "unheard_of"
+
+
+UNEVEN = [0.1, 0.2, 0.5, 0.6, 3.0]
+
+
+@pytest.mark.parametrize("values", [UNEVEN, UNEVEN[::-1], [-2.0, 0.0, 0.5]])
+def test_uneven_values_have_cells_of_one_size_and_ticks_of_their_own(values):
+    axis = PlotAxis.of("f_asym", np.array(values))
+    assert axis.scale == "values"
+    assert [axis.position(value) for value in values] == pytest.approx(np.arange(len(values)) + 0.5)
+    assert [tick.position for tick in axis.ticks()] == [index + 0.5 for index in range(len(values))]
+    assert labels(axis) == [f"{value:g}" for value in values]
+
+
+def test_between_and_beyond_uneven_values_positions_are_interpolated():
+    axis = PlotAxis.of("f_asym", np.array(UNEVEN))
+    for value, position in ((0.35, 2.0), (0.05, 0.0), (4.2, 5.0)):
+        assert axis.position(value) == pytest.approx(position)
+        assert PlotAxis.of("f_asym", np.array(UNEVEN[::-1])).position(value) == pytest.approx(5 - position)
+
+
+def test_of_many_uneven_values_some_are_labelled():
+    axis = PlotAxis.of("f_asym", np.arange(1.0, 41.0) ** 3)
+    assert len(axis.ticks()) == 40
+    assert labels(axis)[:2] == ["1", "125"]
+    assert len(labels(axis)) == 10
+
+
+def test_small_numbers_are_short():
+    assert labels(PlotAxis.of("stiffness_b", np.array([1e-6, 5e-5, 1.25e-4, 2e-3]))) == [
+        "1e-6",
+        "5e-5",
+        "1.25e-4",
+        "0.002",
+    ]

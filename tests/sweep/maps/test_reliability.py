@@ -17,6 +17,7 @@ from bow.tables import columns
 from bow_sweep.cell.parting import median_parting, onsets_of, parting, partings
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cli import main
+from bow_sweep.figures.colours import GREY
 from bow_sweep.figures.reliability import draw_repeats, reliability_colours, repeats_figure
 from bow_sweep.maps.map_file import MapFileError, read_map
 from bow_sweep.maps.reliability import Reliability, in_words
@@ -194,6 +195,25 @@ def test_the_partings_of_a_run_are_those_of_its_waveforms(repeated: Path, tmp_pa
     assert 0 < np.isfinite(found).mean() <= 1
 
 
+@pytest.mark.parametrize("record", ["last", "verdicts"])
+def test_slips_that_are_not_recorded_are_computed_again_and_must_have_the_recorded_checksum(
+    repeated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, record: str
+) -> None:
+    with RunCells(repeated) as cells:
+        assert cells.bag is not None
+        right = partings(cells.bag)
+        sweep = cells.sweep
+    run = recording.record(tmp_path / "run", replace(sweep, record=record))
+    with RunCells(run) as cells:
+        assert cells.bag is not None
+        np.testing.assert_array_equal(partings(cells.bag), right)
+        known = cells.bag.checksum
+        monkeypatch.setattr(cells.bag, "checksum", lambda block, chunk: known(block, chunk) ^ (block == 0))
+        found = partings(cells.bag)
+    assert np.isnan(found[:, 0]).all()  # block 0 has cells 0 ... 4
+    np.testing.assert_array_equal(found[:, 2], right[:, 2])
+
+
 def test_the_median_of_partings_is_one_of_them_and_never_is_the_last() -> None:
     inf, nan = np.inf, np.nan
     columns = np.array([[3, 1, 2], [inf, 1, inf], [4, 1, nan], [nan, nan, nan], [2, 8, 4]], np.float32).T
@@ -237,4 +257,4 @@ def test_the_surer_a_cell_the_brighter_and_unknown_is_grey() -> None:
     shares = np.array([0, 0.5, 0.9, 1, np.nan], np.float32)
     brightness = reliability_colours(shares).astype(int).sum(axis=-1)
     assert (np.diff(brightness[:4]) > 0).all()
-    assert reliability_colours(shares)[4].tolist() == [150, 150, 150]
+    assert reliability_colours(shares)[4].tolist() == list(GREY)

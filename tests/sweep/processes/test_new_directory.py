@@ -51,6 +51,7 @@ def test_nothing_is_left_where_no_run_began(folder: Path) -> None:
     (held.directory / "log").mkdir()
     (held.directory / "log" / "recorder.log").touch()
     (held.directory / "campaign.json").touch()
+    (held.directory / "study.yaml").touch()
     (held.directory / "fig11a" / "log").mkdir(parents=True)
     assert not held.release(held.directory / "fig11a")
     assert list(folder.iterdir()) == []

@@ -116,6 +116,18 @@ def test_rosbags_reads_every_topic(continued):
     assert sum(len(receipt.kind) for receipt in found["receipts"]) >= 24
 
 
+@pytest.mark.parametrize(("record", "each"), [("last", 3), ("verdicts", 0)])
+def test_other_readers_read_a_bag_without_streams(tmp_path, record, each):
+    run = recording.record(tmp_path / "run", recording.small_sweep(f"record={record}"))
+    with AnyReader([run / "bag"]) as reader:
+        counts = {short_name(connection.topic): connection.msgcount for connection in reader.connections}
+        assert len(list(reader.messages())) == reader.message_count
+    assert (counts["bridge_force"], counts["stick_slip"], counts["verdicts"]) == (each, each, 12)
+    with open(bag_files(run / "bag")[0], "rb") as file:
+        found = [channel.topic for _, channel, _ in make_reader(file, validate_crcs=True).iter_messages()]
+    assert found.count("/bow/bridge_force") == each
+
+
 @pytest.fixture(scope="module")
 def mended(continued, tmp_path_factory):
     """The same run with a damaged chunk in its first file, and resumed: a covered range, and a record that notes it."""

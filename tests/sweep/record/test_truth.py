@@ -39,6 +39,10 @@ ADAPTIVE = recording.small_sweep(
 REPEATED = recording.small_sweep("repeats=1", "jitter=0.2", "periods=10")
 """Twelve cells and a repeat of each, in five blocks of two chunks."""
 
+VERDICTS_ONLY = recording.small_sweep("record=verdicts")
+LAST_ONLY = recording.small_sweep("record=last")
+NAMES = ["plain", "plain", "adaptive", "repeats", "verdicts", "last"]
+
 FILES = ("ledger.jsonl", "bag/bag_0.mcap", "bag/bag_1.mcap", "bag/metadata.yaml", "map.npz", "report.json", "map.png")
 
 
@@ -76,6 +80,8 @@ def histories(tmp_path_factory: pytest.TempPathFactory) -> dict[str, History]:
         "plain": history(folder / "plain", PLAIN, 5),
         "adaptive": history(folder / "adaptive", ADAPTIVE, 33),
         "repeats": history(folder / "repeats", REPEATED, 6),
+        "verdicts": history(folder / "verdicts", VERDICTS_ONLY, 5),
+        "last": history(folder / "last", LAST_ONLY, 5),
     }
 
 
@@ -201,11 +207,13 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @settings(SETTINGS, max_examples=40)
 @given(
-    name=st.sampled_from(["plain", "plain", "adaptive", "repeats"]),
+    name=st.sampled_from(NAMES),
     state=places | st.just(LAST),
     ops=st.lists(OPERATIONS, min_size=1, max_size=4),
 )
 @example(name="plain", state=0.3, ops=[("deleted", "bag/bag_0.mcap", 0.0, 0)])
+@example(name="verdicts", state=0.7, ops=[("cut short", "bag/bag_0.mcap", 0.5, 0)])
+@example(name="last", state=0.7, ops=[("a range of zeros", "bag/bag_0.mcap", 0.5, 300)])
 @example(name="plain", state=0.3, ops=[("zeros after the end", "bag/bag_0.mcap", 0.0, 4096)])
 @example(name="plain", state=0.3, ops=[("cut short", "bag/bag_0.mcap", 0.0, 0)])
 @example(name="plain", state=0.3, ops=[("bag deleted", "bag", 0.0, 0)])
@@ -222,7 +230,7 @@ def test_whatever_happens_to_the_files_the_map_is_that_of_an_undisturbed_run(his
 @pytest.mark.full
 @settings(SETTINGS, max_examples=600)
 @given(
-    name=st.sampled_from(["plain", "plain", "adaptive", "repeats"]),
+    name=st.sampled_from(NAMES),
     state=places | st.just(LAST),
     ops=st.lists(OPERATIONS, min_size=1, max_size=6),
 )

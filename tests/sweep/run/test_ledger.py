@@ -3,8 +3,9 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, invariant, rule
+from hypothesis.stateful import Bundle, RuleBasedStateMachine, consumes, initialize, invariant, rule
 
+from bow_sim.protocol.recording import RECORD, recorded_chunks
 from bow_sweep.run import ledger as L  # noqa: N812  # events read better as L.Finished
 from bow_sweep.run.ledger import Ledger, State
 
@@ -75,6 +76,22 @@ def test_a_block_is_not_done_while_one_answer_is_missing(missing: str) -> None:
     assert not ledger.finished
     ledger.handle(last, 0)
     assert ledger.finished
+    assert ledger.count(State.DONE) == 1
+
+
+@pytest.mark.parametrize(("record", "streams"), [("all", 3), ("last", 1), ("verdicts", 0)])
+def test_a_block_waits_for_the_streams_that_are_to_be_recorded_and_no_others(record: str, streams: int) -> None:
+    recorded = recorded_chunks(record, CHUNKS)
+    assert list(recorded) == list(range(CHUNKS))[CHUNKS - streams :]
+    ledger = Ledger(1, CHUNKS, recorded)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    for chunk in range(CHUNKS):
+        ledger.handle(L.Judged(0, chunk, chunk_sum(0, chunk), verdict_sum(0, chunk)), 0)
+        ledger.handle(L.Receipted(0, chunk, verdict_sum(0, chunk), True), 0)
+    ledger.handle(L.OnDisk(0), 0)
+    for chunk in range(CHUNKS):
+        assert ledger.finished == (chunk not in recorded and not any(c > chunk for c in recorded))
+        ledger.handle(L.Receipted(0, chunk, chunk_sum(0, chunk), False), 0)
     assert ledger.count(State.DONE) == 1
 
 
@@ -228,16 +245,26 @@ class Sweeping(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
+        self.recorded = range(CHUNKS)
         self.ledger = Ledger(6, CHUNKS)
+        self.receipted: set[tuple[int, int, bool]] = set()
         self.records: list = []
         self.now = 0.0
         self.names = 0
         self.synced: set[int] = set()
 
+    @initialize(record=st.sampled_from(list(RECORD)))
+    def begin(self, record: str) -> None:
+        self.recorded = recorded_chunks(record, CHUNKS)
+        self.ledger = Ledger(6, CHUNKS, self.recorded)
+
     def follow(self, event: L.Event) -> None:
-        """Note which blocks are on the disk since the recorder was started."""
+        """Note what is receipted, and which blocks are on the disk, since the recorder was started."""
         if isinstance(event, L.ConsumerRestarted):
             self.synced.clear()
+            self.receipted.clear()
+        if isinstance(event, L.Receipted):
+            self.receipted.add((event.block, event.chunk, event.verdicts))
         if isinstance(event, L.OnDisk):
             self.synced.add(event.block)
 
@@ -248,6 +275,9 @@ class Sweeping(RuleBasedStateMachine):
         for item in out:
             if isinstance(item, L.Settled) and item.state is State.DONE:
                 assert item.block in self.synced, "a block is done only when it is on the disk since the last restart"
+                due = {(item.block, chunk, True) for chunk in range(CHUNKS)}
+                due |= {(item.block, chunk, False) for chunk in self.recorded}
+                assert due <= self.receipted, "a block is done only when all is receipted that is to be recorded"
         self.records += [item.entry for item in out if isinstance(item, L.Record)]
         for old, block in zip(before, self.ledger.blocks, strict=False):
             if old in (State.DONE, State.QUARANTINED):
@@ -310,7 +340,7 @@ class Sweeping(RuleBasedStateMachine):
 
     @invariant()
     def a_resumed_ledger_has_the_same_account(self) -> None:
-        again = Ledger.resume(len(self.ledger.blocks), CHUNKS, self.records)
+        again = Ledger.resume(len(self.ledger.blocks), CHUNKS, self.records, self.recorded)
         for state in (State.DONE, State.QUARANTINED):
             assert again.count(state) == self.ledger.count(state)
         assert [b.crashes for b in again.blocks if b.state is State.DUE] == [

@@ -1,0 +1,50 @@
+"""`bow sweep --record verdicts` and `last`: processes are killed, and the map is that of a run with all its streams."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from graph import SMALL, map_of, orphans, sweeping
+
+from bow_sweep.cell.computed import kernel
+from bow_sweep.record.again import Again
+from bow_sweep.record.verify import verify
+
+pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.full]
+
+
+def assert_proved(run: Path, undisturbed: Path, recorded: int) -> None:
+    """Every cell of a run is accounted for, computed again as recorded, and on the map as in an undisturbed run."""
+    result = verify(run, again=Again(kernel(), float("inf")))
+    assert result["ok"], result["problems"]
+    assert (result["computed_again"]["equal"], result["chunks_recorded"]) == (128, recorded)
+    one, other = map_of(run), map_of(undisturbed)
+    assert one.keys() == other.keys()
+    for name in one.keys() - {"settings"}:
+        np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+def test_without_streams_a_sweep_goes_on_after_its_recorder_was_killed(undisturbed: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--record", "verdicts", "--no-dashboard", "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        sweep.kill("recorder")
+        assert sweep.wait() == 0, sweep.text
+        assert "killed by SIGKILL" in sweep.text
+        assert "every verdict, no samples" in sweep.text
+    assert_proved(run, undisturbed, 0)
+    assert orphans(run) == []
+
+
+def test_a_sweep_of_the_last_chunks_is_gone_on_with_after_all_was_killed(undisturbed: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *SMALL, "--record", "last", "--no-dashboard", "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        for process in [*sweep.children(), sweep.process]:
+            os.kill(process.pid, signal.SIGKILL)
+        sweep.wait()
+    with sweeping(run, "--resume", str(run), "--no-dashboard") as sweep:
+        assert sweep.wait() == 0, sweep.text
+    assert_proved(run, undisturbed, 16)
