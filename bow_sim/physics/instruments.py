@@ -295,7 +295,7 @@ def lanes_in_paper_units(
             raise ParameterError(f"{path}{name}[{i}] = {float(values[i])!r}: {right}")
         return f"{path}{name}", values
 
-    def split(values: Mapping[str, Any]) -> dict[str, Any]:
+    def split(values: dict[str, Any]) -> dict[str, Any]:
         ((same, column),) = values.items()
         rows = [_split({same: value}) for value in np.asarray(column).tolist()]
         return {key: np.array([row[key] for row in rows], np.float64) for key in rows[0]}
@@ -310,7 +310,7 @@ def _converted(
     given: Mapping[str, Any],
     everything: Mapping[str, Any],
     read: Callable[[str, Quantity], tuple[str, Any]],
-    split: Callable[[Mapping[str, Any]], dict[str, Any]],
+    split: Callable[[dict[str, Any]], dict[str, Any]],
 ) -> dict[str, Any]:
     """Return values in SI units as values of the paper's settings, those that others need first.
 
