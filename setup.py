@@ -94,11 +94,12 @@ setup(
     # which releases were tested. ROS itself is in requirements.txt: on a ROS installation it doesn't come from PyPI.
     install_requires=[
         "numpy>=1.26",
+        "gmpy2>=2.1",  # exp, pow, sin and cos with the same bits on every machine
         "inotify-simple>=2.0",
         "isal>=1.6",
         "matplotlib>=3.6",
         "numba>=0.68",
-        "llvmlite>=0.50",  # numba's own; its version is part of the kernel's fingerprint
+        "llvmlite>=0.50",  # numba's own; its version is written down with results
         "pyyaml>=6.0",
         "rich>=13.7",
         "scipy>=1.11",

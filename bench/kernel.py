@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from bench.scalar import PlainLoop, check
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import program
 from bow_sim.physics.body import STOPPANI
 from bow_sim.physics.parameters import DTYPES, Parameters
 
@@ -141,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.kernel", description=__doc__)
     parser.add_argument("--repeats", type=int, default=REPEATS, help="blocks of 100 periods for each case")
     chosen = parser.parse_args(arguments)
-    print(json.dumps({"kernel": fingerprint(), "cases": measure_all(chosen.repeats)}, indent=2))
+    print(json.dumps({"kernel": program(), "cases": measure_all(chosen.repeats)}, indent=2))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import program
 from bow_sweep.run.directory import VERSIONS_OF
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -70,7 +70,7 @@ def describe() -> dict[str, Any]:
         "load": os.getloadavg()[0],
         "date": time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()),
         "commit": commit(),
-        "kernel": fingerprint(),
+        "kernel": program(),
         "versions": versions(),
     }
 

@@ -119,9 +119,9 @@ def _attributes(of: Found) -> dict[str, Any]:
 def _made_with(of: Found) -> dict[str, Any]:
     """Return the identity of kernel and classifier that made a map."""
     if of.directory is None:
-        from bow_sim.kernel.fingerprint import fingerprint
+        from bow_sweep.plan.sweep import Sweep
 
-        return {"kernel": fingerprint()} if not of.file.run_id else {}
+        return {"kernel": Sweep.from_spec("", of.file.settings).fingerprint} if not of.file.run_id else {}
     try:
         report = json.loads((of.directory / "report.json").read_text())
         if report["run_id"] != of.file.run_id:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block, ChunkResult
+from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.kinds import common, value_text
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
-from bow_sim.protocol.sweep_spec import split
+from bow_sim.protocol.sweep_spec import Axis, split
 
 
 @dataclass(eq=False)
@@ -51,6 +53,19 @@ class BlockRequest:
     def recorded(self) -> range:
         """The chunks whose streams are recorded."""
         return recorded_chunks(self.record, self.chunks)
+
+
+@functools.lru_cache(maxsize=8)
+def fingerprint_of(settings: tuple[str, ...]) -> str:
+    """Return what this machine computes for a sweep (:func:`bow_sim.kernel.fingerprint.fingerprint`).
+
+    Raises
+    ------
+    ParameterError
+        If the settings describe no sweep.
+    """
+    spec = split(settings)
+    return fingerprint(spec.parameters(), Axis.of("x", spec.x), Axis.of("y", spec.y))
 
 
 def prepare(message: Mapping[str, Any]) -> BlockRequest:

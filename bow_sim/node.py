@@ -15,10 +15,9 @@ from collections.abc import Sequence
 from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip
 from rclpy.publisher import Publisher
 
-from bow_sim.block_request import encode_chunk
+from bow_sim.block_request import encode_chunk, fingerprint_of
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
 from bow_sim.graph.node_process import run_node
-from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
@@ -79,7 +78,7 @@ class SimulatorNode(BowNode):
         self._inspected: Sequence[int] = inspected or ()
         self._spread = list(self._inspected) == [SPREAD]
         self._spread_for = ""  # run that the cells are of
-        self._session = SimulatorSession(self.incarnation, fingerprint(), self.works_for, credit, now=self.awake.now())
+        self._session = SimulatorSession(self.incarnation, fingerprint_of, self.works_for, credit, now=self.awake.now())
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()

@@ -18,6 +18,7 @@ import numpy as np
 
 from bow_sim.block_request import BlockRequest
 from bow_sim.block_request import prepare as prepare_request
+from bow_sim.kernel.fingerprint import difference
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, Window
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, UNCONFIRMED_S
@@ -61,7 +62,8 @@ class SimulatorSession:
     incarnation
         Of the simulator: blocks are addressed to it.
     fingerprint
-        Of the kernel: a block that asks for another kernel is refused, as its results could differ.
+        Returns what this machine computes for a sweep, by its settings: a block of a coordinator whose machine computes
+        something else is refused.
     works_for
         Returns whether a coordinator, by its incarnation, is alive and works for a run, by its run_id.
     credit
@@ -82,7 +84,7 @@ class SimulatorSession:
     def __init__(
         self,
         incarnation: str,
-        fingerprint: str,
+        fingerprint: Callable[[tuple[str, ...]], str],
         works_for: Callable[[str, str], bool],
         credit: int = LIMIT,
         prepare: Callable[[Mapping[str, Any]], BlockRequest] = prepare_request,
@@ -212,9 +214,10 @@ class SimulatorSession:
             )
         if message["epoch"] < self.epoch:
             raise ValueError(f"epoch {message['epoch']} is over, this is epoch {self.epoch}")
-        if message["fingerprint"] != self._fingerprint:
+        there, here = message["fingerprint"], self._fingerprint(tuple(message["spec.settings"]))
+        if there != here:
             raise ValueError(
-                f"kernel {message['fingerprint']} was asked for, this one is {self._fingerprint}: results could differ"
+                f"kernel {there} was asked for, this one is {here}: results could differ, by {difference(there, here)}"
             )
         epoch = message["epoch"]
         held = sum(not self._is_void(request) and request.message["epoch"] >= epoch for request in self._held)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import program
 from bow_sweep.plan.sweep import Sweep
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -242,7 +242,7 @@ def write(marks: Path, signed: str, path: Path) -> None:
     path.parent.mkdir(exist_ok=True)
     with open(path, "w", newline="") as file:
         file.writelines(f"# {line}\n".replace("# \n", "#\n") for line in signed.strip().splitlines())
-        file.write(f"# kernel: {fingerprint()}\n")
+        file.write(f"# kernel: {program()}\n")
         csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 
 from bow_sim.figures.control import CONTOURS
 from bow_sim.figures.page import save, style
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import program
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.figures.colours import transient_colours
 from bow_sweep.figures.layout import Layout
@@ -301,7 +301,7 @@ def page(found: Mapping[str, Mapping[str, MapFile]], nx: int, ny: int, seconds: 
     return "\n".join(
         [
             f"{len(found) * len(LAYOUT)} maps of {nx} × {ny} cells in {seconds:.0f} s ({machine}); kernel "
-            f"`{fingerprint()}`.",
+            f"`{program()}`.",
             "\n## Synthetic maps\n",
             *synthetic_part(),
             "\n## What the paper says, and what our maps show\n",

@@ -11,7 +11,7 @@ import numpy as np
 from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import DEFAULT_PRESET, THRESHOLD_PRESETS, Thresholds
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import program
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import intervals_of
 from bow_sweep.maps.map_file import MapFile
@@ -88,6 +88,6 @@ def write_data() -> None:
         arrays[f"{letter}_regime"] = basin.latest("regime").reshape(64, 128)
     recipe = "python -m studies.terrain --data: presets fig11a ... fig11f, 128 x 64 cells, default thresholds"
     DATA.parent.mkdir(exist_ok=True)
-    origin = {"recipe": recipe, "fingerprint": fingerprint(), "classifier": Thresholds().hash}
+    origin = {"recipe": recipe, "fingerprint": program(), "classifier": Thresholds().hash}
     arrays |= {name: np.array(text) for name, text in origin.items()}
     np.savez_compressed(DATA, allow_pickle=False, **arrays)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from bow_sim.figures.catalogue import FIGURES, figure
 from bow_sim.figures.page import save
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import program
 from bow_sweep.paper.validate import validate
 from tools.doc_page import put
 
@@ -34,7 +34,7 @@ def main() -> int:
     report = validate(args.runs)
     named = replace(report, runs=tuple((Path(directory).name, title) for directory, title in report.runs))
     figures = "\n\n".join(f"![Fig {number}](figures/fig{number:02}.png)" for number in FIGURES)
-    text = f"{named.to_markdown()}\nKernel: `{fingerprint()}`.\n\n## The line figures\n\n{figures}"
+    text = f"{named.to_markdown()}\nKernel: `{program()}`.\n\n## The line figures\n\n{figures}"
     put(text, args.out / "validation.md", "studies/validation.py")
     print(report.summary())
     return 0 if report.ok else 1

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd import lanes
+from bow_sim.simd import elementary, lanes
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES
 
@@ -53,7 +53,7 @@ def _powers(x, n, first, turn, power):
     """Write the power of eight harmonics of the n samples of x, from number `first` on, to power."""
     for k in range(LANES):
         angle = 2.0 * math.pi * (first + k) / n
-        turn[0, k], turn[1, k] = math.cos(angle), math.sin(angle)
+        turn[0, k], turn[1, k] = elementary.turn(angle)
     c, s = load(turn, 0), load(turn, LANES)
     u, v = spread(1.0), spread(0.0)
     a, b = spread(0.0), spread(0.0)

@@ -8,11 +8,10 @@ No coefficient of a margin is negative: the confidence never falls with the dist
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
+from bow_sim.simd.elementary import exp, log
 from bow_sim.simd.jit import part
 
 MARGINS = ("constant", "correlation", "slips", "corners", "slips whole", "corners whole", "loudness")
@@ -55,7 +54,7 @@ def _whole(number):
 @part(**LEAN)
 def _log_ratio(a, b):
     """Return the logarithm of the ratio of two amounts without its sign, at most `_FAR`."""
-    return min(_FAR, abs(math.log((a + _SMALL) / (b + _SMALL))))
+    return min(_FAR, abs(log((a + _SMALL) / (b + _SMALL))))
 
 
 @part(**LEAN)
@@ -90,4 +89,4 @@ def probability(coefficients, row):
     total = 0.0
     for k in range(row.shape[0]):
         total += coefficients[k] * row[k]
-    return 1.0 / (1.0 + math.exp(-total))
+    return 1.0 / (1.0 + exp(-total))

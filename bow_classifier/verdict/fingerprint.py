@@ -33,7 +33,7 @@ HERE = (
 )
 SOURCES = (
     *(Path(__file__).parents[1] / f"{name}.py" for name in HERE),
-    *(Path(simd.__path__[0]) / f"{name}.py" for name in ("columns", "jit", "lanes", "parts", "rows")),
+    *(Path(simd.__path__[0]) / f"{name}.py" for name in ("columns", "elementary", "jit", "lanes", "parts", "rows")),
 )
 """Files that decide a verdict; a test finds one that is missing."""
 

@@ -6,6 +6,7 @@ body         modes of the body at the bridge, for the loop
 hair         the bow hair, for the loop
 arguments    its arguments: named tuples of arrays
 tangent      the linearised motion beside a real one
-fingerprint  which kernel this is: sources, compilers, processor
+sources      the sources that decide the waveforms, and their hash
+fingerprint  what a machine computes for a sweep, as hashes
 precompile   compiles and caches the kernels
 """

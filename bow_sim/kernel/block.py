@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.kernel import time_loop
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
-from bow_sim.kernel.fingerprint import source_hash
-from bow_sim.physics import friction, gesture
+from bow_sim.kernel.sources import source_hash
+from bow_sim.physics import exact, friction, gesture
 from bow_sim.physics.body import resonators
 from bow_sim.physics.cells import Cells, cells
 from bow_sim.physics.parameters import Parameters
@@ -164,6 +164,17 @@ class Block:
         self.chunk += 1
         return ChunkResult(bridge_force[: self._count], slipping, offsets, onset, duration, slip)
 
+    def contents(self) -> tuple[Any, ...]:
+        """Return all that the time loop gets and changes, and the gesture of the first chunk; to be compared alone.
+
+        Returns
+        -------
+        tuple
+            Of arrays, numbers, None and such tuples.
+        """
+        tables = self._tables(0, self.parameters.chunk_samples)
+        return self._string, self._levels, self._state, self.admittance, *tables
+
     def _make_law(self, described: Cells) -> Any:
         """Return the friction law, a named tuple of arrays over cells."""
         return friction.law_of(described)
@@ -174,7 +185,7 @@ class Block:
         if not elastic.any():
             return None
         columns = (described.value(name).tolist() for name in ("hair_k", "hair_r", "sample_rate"))
-        decay = [math.exp(-k / (r * rate)) if r else 0.0 for k, r, rate in zip(*columns, strict=True)]
+        decay = [exact.exp(-k / (r * rate)) if r else 0.0 for k, r, rate in zip(*columns, strict=True)]
         share, string = elastic / self.admittance, described.of_ends("y") / self.admittance
         return Hair(*(self._lane(np.asarray(x)) for x in (share, string, decay, np.zeros(described.count))))
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 
 from bow_sim.kernel.block import Block, transient
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import source_hash
 from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
 
 
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--float32", action="store_true", help="those of float32 too, which few sweeps use")
     chosen = parser.parse_args(arguments)
-    print(f"kernel {fingerprint()}", flush=True)
+    print(f"kernel source-{source_hash()}", flush=True)
     for dtype in DTYPES if chosen.float32 else DTYPES[:1]:
         precompile(dtype)
 

@@ -1,6 +1,7 @@
 """The string and its player: parameters, reflection functions, friction, gestures, linear modes.
 
 errors           the error for a wrong parameter
+exact            elementary functions with the same bits on every machine
 parameters       one simulation as flat, typed data; models, gestures and friction laws by name
 fields           fields of parameters: meaning, unit, source, range
 instruments      real strings, bows and rosins by name, and values in SI units

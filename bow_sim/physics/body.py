@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import Range, as_number
 from bow_sim.physics.number_files import COMMENTS, number, read_file, table
@@ -290,6 +291,6 @@ def resonators(found: tuple[Mode, ...], sample_rate: float) -> Resonators:
     """Return the filters of modes: the bilinear transform, exact at the frequency of each."""
     f, q, kappa = np.array(found).T if found else np.empty((3, 0))
     w = 2 * np.pi * f / sample_rate
-    c = w / np.tan(w / 2)
+    c = w / np.array([exact.tan(x) for x in (w / 2).tolist()])
     d = c * c + c * w / q + w * w
     return Resonators(kappa * w * c / d, 2 * (w * w - c * c) / d, (c * c - c * w / q + w * w) / d)

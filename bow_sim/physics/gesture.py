@@ -2,7 +2,7 @@
 
 Every gesture is ``f_b(t) = f_end + f_step F(t)`` and ``v_b(t) = v_0 + v_1 V(t)``, with two shapes F and V, tabulated at
 each sample. The kernel uses only this form, so it is the same for every gesture. The shapes are computed by
-:func:`math.exp` one sample at a time: exponentials of arrays may round differently at different places of the array.
+:func:`bow_sim.physics.exact.exp` one sample at a time, so that they are the same on every machine.
 
 A new gesture needs, in this file, its coefficients in :func:`levels` and its shapes in :func:`_shapes`, its name in
 :data:`bow_sim.physics.parameters.GESTURES`, and the same gesture in ``tests/support/scalar_string.py``, with which the
@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics import exact
 from bow_sim.physics.cells import Cells
 from bow_sim.physics.cells import cells as cells_of
 from bow_sim.physics.parameters import Parameters
@@ -54,7 +55,7 @@ def levels(gesture: str, f_asym: Any, f_init_ratio: Any, v_b: Any) -> Levels:
 @functools.lru_cache(maxsize=8192)
 def decay(tau: float, start: int, samples: int) -> NDArray[np.float64]:
     """Return ``exp(-t/tau)`` at ``t = start ... start + samples - 1``, read-only."""
-    table = np.array([math.exp(-t / tau) for t in range(start, start + samples)])
+    table = np.array([exact.exp(-t / tau) for t in range(start, start + samples)])
     table.setflags(write=False)
     return table
 

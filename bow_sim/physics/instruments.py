@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 
@@ -103,10 +104,10 @@ class Quantity(NamedTuple):
 
 
 def _higher(semitones: Any) -> Any:
-    """Return the ratio of frequencies; each power by itself, as powers of arrays may round differently."""
+    """Return the ratio of frequencies; each power by itself, rounded alike everywhere."""
     if isinstance(semitones, np.ndarray):
-        return np.array([2.0 ** (n / 12) for n in semitones.tolist()])
-    return 2.0 ** (semitones / 12)
+        return np.array([exact.power(2.0, n / 12) for n in semitones.tolist()])
+    return exact.power(2.0, semitones / 12)
 
 
 SI: dict[str, Quantity] = {

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bow_sim.physics import exact
 from bow_sim.physics.body import Mode, modes_of
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import Parameters
@@ -151,7 +152,7 @@ def cremer(delay: float, r: float, w_c: float, period: int) -> Reflection:
     """
     k = w_c * (2 * math.pi / period) * r
     rho = cremer_rho(r)
-    p = math.exp(-k / (r + 1))
+    p = exact.exp(-k / (r + 1))
     arrives = delayed(delay, -1.0)
     return Reflection(
         tuple(-rho * x for x in arrives.taps),
@@ -189,10 +190,12 @@ def stiff(lag: float, period: int, b: float, cutoff: float, power: float) -> Ref
     w = 2 * np.pi * np.arange(size // 2 + 1) / size
     x2 = (w * period / (2 * np.pi)) ** 2
     n = np.sqrt(2 * x2 / (1 + np.sqrt(1 + 4 * b * x2)))
-    spectrum = -np.exp(-2j * np.pi * n * lag / period) * np.exp(-2 * (w / (cutoff * np.pi)) ** power)
-    spectrum[-1] = spectrum[-1].real
-    h = np.fft.irfft(spectrum, size)
-    share = np.cumsum(h * h) / np.sum(h * h)
+    waves = np.array([exact.turn(x) for x in (-2 * np.pi * n * lag / period).tolist()])
+    parts = (w / (cutoff * np.pi)).tolist()
+    passes = np.array([exact.exp(-2 * exact.power(x, power)) for x in parts])
+    h = exact.inverse_real_fft(-passes * waves[:, 0], -passes * waves[:, 1])
+    energy = np.cumsum(h * h)
+    share = energy / energy[-1]
     first = int(np.argmax(share >= NUT_LEFT_OUT))
     last = int(np.argmax(share >= 1 - NUT_LEFT_OUT))
     if first < 1 or last >= size // 2:  # lags below 0 are at the end of the inverse FFT
@@ -227,7 +230,7 @@ def gaussian(delay: float, width: float, gain: float, half: int) -> Reflection:
         least = min(
             abs(lag - centre) for lag in lags
         )  # so that the greatest weight is 1 even if the centre is far outside
-        return [math.exp((least * least - (lag - centre) ** 2) / width**2) for lag in lags]
+        return [exact.exp((least * least - (lag - centre) ** 2) / width**2) for lag in lags]
 
     def moment(centre: float) -> float:
         w = weights(centre)

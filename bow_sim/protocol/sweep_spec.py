@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
@@ -113,7 +114,7 @@ class Axis:
         """Return the values along the axis, (count,), both ends exact."""
         if self.given:
             return np.array(self.given)
-        space = np.geomspace if self.scale == "log" else np.linspace
+        space = exact.geometric if self.scale == "log" else np.linspace
         values: NDArray[np.float64] = space(self.first, self.last, self.count)
         values[0] = self.first
         if self.count > 1:

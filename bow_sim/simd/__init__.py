@@ -4,6 +4,7 @@ jit         Numba's decorators, for every compiled function
 parts       functions that only compiled functions call: compiled once, with the whole
 code_cache  where compiled code is stored, and a message while it is compiled
 lanes       eight lanes as one value in compiled code
+elementary  exp, log, cosine and sine with the same bits on every machine
 rows        convolution and transposition of rows of eight lanes
 columns     transposition of eight rows of samples, and prefetching
 """

@@ -83,7 +83,7 @@ def kernel() -> Kernel:
     """Return the kernel of this machine, for what computes blocks of a bag again."""
     from bow_sim.kernel.fingerprint import fingerprint
 
-    return Kernel(fingerprint(), block_streams)
+    return Kernel(lambda outline: fingerprint(outline.parameters, outline.x, outline.y), block_streams)
 
 
 def block_streams(outline: SweepOutline, block: int) -> Iterator[tuple[bytes, bytes]]:

@@ -257,13 +257,13 @@ class RunCells:
 
     def _kernel(self) -> str:
         """Return in words whether the kernel here is the one that computed the run."""
-        from bow_sim.kernel.fingerprint import fingerprint
+        from bow_sim.kernel.fingerprint import difference
 
-        there, here = self._fingerprint(), fingerprint()
+        there, here = self._fingerprint(), self.sweep.fingerprint
         if there == here:
             return "the kernel is the run's"
         if there:
-            return f"the run's kernel is another one: {there}, here is {here}"
+            return f"the run's kernel is another one, by {difference(there, here)}: {there}, here is {here}"
         if self.map.sweep_id == self.sweep.sweep_id:
             return "the kernel has the sources of the run's, whose compilers and processor are not known"
         return "the kernel has other sources than the run's"

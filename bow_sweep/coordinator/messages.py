@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from bow_classifier.verdict.regimes import REGIMES
-from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState, PlanState
 from bow_sweep.maps.basin_map import Basin
@@ -26,7 +25,7 @@ def _identity(run: Run) -> dict[str, Any]:
         "epoch": run.ledger.epoch,
         "spec.preset": run.sweep.preset,
         "spec.settings": run.sweep.settings(),
-        "fingerprint": fingerprint(),
+        "fingerprint": run.sweep.fingerprint,
     }
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.kernel.fingerprint import source_hash
+from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import source_hash
 from bow_sim.physics.applicability import check_strings, notes_of_map
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import overridden
@@ -185,6 +186,11 @@ class Sweep:
         """
         physics = [line for line in self.settings() if not line.startswith(("classifier.", "record="))]
         return hashlib.sha256(json.dumps([physics, source_hash()]).encode()).hexdigest()[:16]
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What this machine computes for the sweep (:func:`bow_sim.kernel.fingerprint.fingerprint`)."""
+        return fingerprint(self.parameters, self.x, self.y)
 
     @property
     def notes(self) -> tuple[str, ...]:

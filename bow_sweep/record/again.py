@@ -29,12 +29,12 @@ class Kernel(NamedTuple):
     Attributes
     ----------
     fingerprint
-        Of the kernel here.
+        Takes the outline of a sweep; returns what this machine computes for it.
     streams
         Takes the outline of a sweep and a block; yields the messages BridgeForce and StickSlip of each chunk.
     """
 
-    fingerprint: str
+    fingerprint: Callable[[SweepOutline], str]
     streams: Callable[[SweepOutline, int], Iterator[tuple[bytes, bytes]]]
 
 
@@ -102,7 +102,7 @@ def _differs(
     known: Verdict, survey: Survey, task: Task, kernel: Kernel, classifier: Classifier, force: bytes, slip: bytes
 ) -> str:
     """Return what differs between the verdict of a chunk and the one on the chunk computed again; "" for nothing."""
-    there, here = str(survey.plan["fingerprint"]), kernel.fingerprint
+    there, here = str(survey.plan["fingerprint"]), kernel.fingerprint(task.outline)
     other = f"; the run's kernel is another one, so nothing is proved here: {there}, here is {here}"
     made = checksum(force, slip)
     out = classifier.take("BridgeForce", force) + classifier.take("StickSlip", slip)

@@ -17,7 +17,7 @@ import xxhash
 
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.atomic_files import replacing, sync_directory
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.fingerprint import difference
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.messages import FORMAT
@@ -217,7 +217,7 @@ class Run:
             "settings": list(self.sweep.settings()),
             **({"si": shared} if shared else {}),
             "notes": list(self.sweep.notes),
-            "fingerprint": fingerprint(),
+            "fingerprint": self.sweep.fingerprint,
             "classifier": self.sweep.thresholds.hash,
             "cells": self.accounts(),
             "cells_predicted": self.sweep.cells - self.blocks.planned_cells,
@@ -291,7 +291,7 @@ def planned(run_id: str, sweep: Sweep, epoch: int = 1) -> dict[str, Any]:
         "sweep_id": sweep.sweep_id,
         "preset": sweep.preset,
         "settings": sweep.settings(),
-        "fingerprint": fingerprint(),
+        "fingerprint": sweep.fingerprint,
         "classifier": sweep.thresholds.hash,
         "blocks": sweep.blocks,
         "chunks": sweep.chunks,
@@ -318,10 +318,11 @@ def sweep_of(plan: Mapping[str, Any], where: Path) -> Sweep:
     if (sweep.blocks, sweep.chunks) != (plan["blocks"], plan["chunks"]):
         given, right = f"{plan['blocks']} blocks of {plan['chunks']} chunks", f"{sweep.blocks} of {sweep.chunks}"
         raise RunError(f"{where}, line 1: {given}; its settings make {right}")
-    if sweep.sweep_id != plan.get("sweep_id") or fingerprint() != plan.get("fingerprint"):
+    there, here = str(plan.get("fingerprint")), sweep.fingerprint
+    if sweep.sweep_id != plan.get("sweep_id") or there != here:
         raise OtherProgramError(
-            f"{where.parent}: was computed by kernel {plan.get('fingerprint')}, here is {fingerprint()}; "
-            "their results could differ: resume where it began, or sweep anew"
+            f"{where.parent}: was computed by kernel {there}, here is {here}; they differ in "
+            f"{difference(there, here) or 'the settings'}: resume where it began, or sweep anew"
         )
     classifier = sweep.thresholds.hash
     if plan.get("classifier", classifier) != classifier:  # ledgers of old have none

@@ -75,7 +75,7 @@ def computed_again(plan: Mapping[str, Any], outline: SweepOutline, missing: Mapp
     from bow_sim.kernel.fingerprint import fingerprint
     from bow_sweep.cell.computed import compute
 
-    if plan["fingerprint"] != fingerprint():
+    if plan["fingerprint"] != fingerprint(outline.parameters, outline.x, outline.y):
         return
     states = plan["block_states"]
     done = {

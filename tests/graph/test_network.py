@@ -48,14 +48,27 @@ def computed_by(run: Path) -> Counter[str]:
     return Counter(hands[e["block"], e["attempt"]] for e in entries if e["event"] == "done")
 
 
+OLD = {
+    "NUMBA_CPU_NAME": "generic",
+    "NUMBA_CPU_FEATURES": "",
+    "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3",
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",
+}
+"""With these, the libraries take this machine for one with an older processor."""
+
+COMPILE = "from bow_sweep.plan.sweep import Sweep; print(Sweep.from_spec('fig11d').fingerprint)"
+
+
 @contextlib.contextmanager
-def joined(two: Machines, sweep: Sweep, log: Path) -> Iterator[None]:
+def joined(two: Machines, sweep: Sweep, log: Path, **machine: str) -> Iterator[None]:
     """Start a simulator on the other machine, by the very line that the sweep prints."""
     sweep.wait_until(lambda: "join with: " in sweep.text)
     line = re.search("join with: (.*)", sweep.text)
     assert line
+    words = [*(f"{name}='{value}'" for name, value in machine.items()), line[1]]
     with open(log, "wb") as output:
-        simulator = subprocess.Popen(two.command(FAR, "sh", "-c", f"exec env {line[1]}"), stdout=output, stderr=output)
+        command = two.command(FAR, "sh", "-c", f"exec env {' '.join(words)}")
+        simulator = subprocess.Popen(command, stdout=output, stderr=output)
     try:
         yield
         assert simulator.poll() is None, log.read_text()
@@ -72,13 +85,18 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return run_sweep(tmp_path_factory.mktemp("alone") / "run", *LONG)
 
 
-@pytest.mark.parametrize("where", ["SUBNET", ADDRESSES[FAR]])
+@pytest.mark.parametrize(("where", "machine"), [("SUBNET", {}), (ADDRESSES[FAR], OLD)], ids=["alike", "older"])
 def test_simulators_of_another_machine_share_the_work_and_the_map_is_the_same(
-    where: str, two: Machines, alone: Path, tmp_path: Path
+    where: str, machine: dict[str, str], two: Machines, alone: Path, tmp_path: Path
 ) -> None:
+    if machine:  # compiled before, so that it comes in time for its share
+        subprocess.run([sys.executable, "-c", COMPILE], env={**os.environ, **machine}, check=True, timeout=300)
     run = tmp_path / "run"
     arguments = [*LONG, "--simulators", "1", "--network", where, "--out", str(run)]
-    with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep, joined(two, sweep, tmp_path / "far.log"):
+    with (
+        sweeping(run, *arguments, outer=two.command(NEAR)) as sweep,
+        joined(two, sweep, tmp_path / "far.log", **machine),
+    ):
         assert sweep.wait() == 0, sweep.text
     verified(run)
     assert_same_map(alone, run)

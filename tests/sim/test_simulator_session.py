@@ -74,7 +74,7 @@ class Sessions(RuleBasedStateMachine):
     @initialize(credit=st.integers(1, 3), record=st.sampled_from(list(RECORD)))
     def start(self, credit: int, record: str) -> None:
         self.record = record
-        self.session = SimulatorSession(OWN, "f", lambda *who: who in self.living, credit, self.prepare)
+        self.session = SimulatorSession(OWN, lambda _: "f", lambda *who: who in self.living, credit, self.prepare)
         self.authority = Authority(lambda *who: who in self.living)
         self.living = {(COORDINATOR, run) for run, _ in RUNS}
         self.credit, self.now = credit, 0.0

@@ -15,7 +15,7 @@ from session_messages import (
     request,
 )
 
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.block_request import fingerprint_of
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, UNCONFIRMED_S
 from bow_sim.protocol.states import NodeState
 from bow_sim.simulator_events import (
@@ -42,7 +42,7 @@ from bow_sweep.plan.sweep import Sweep
 @pytest.fixture
 def session() -> SimulatorSession:
     """A session that is ready in the first of `RUNS`, epoch 1."""
-    made = SimulatorSession(OWN, "f", lambda *_: True, credit=2, prepare=request)
+    made = SimulatorSession(OWN, lambda _: "f", lambda *_: True, credit=2, prepare=request)
     made.handle(PlanReceived(plan()), 0)
     made.handle(ReadersChecked((), consumers_alive=True), 0)
     assert made.state == NodeState.READY
@@ -87,7 +87,7 @@ def test_a_settled_block_is_dropped_before_its_next_message(session: SimulatorSe
 
 
 def test_hellos_are_frequent_until_the_streams_are_received_and_stop_while_chunks_are_under_way() -> None:
-    session = SimulatorSession(OWN, "f", lambda *_: True, prepare=request)
+    session = SimulatorSession(OWN, lambda _: "f", lambda *_: True, prepare=request)
     assert session.handle(WorkerIdle(), 0) == []  # no run
     session.handle(PlanReceived(plan()), 0)
 
@@ -110,7 +110,7 @@ def test_publishers_that_fail_for_good_are_created_again(session: SimulatorSessi
     session.handle(Published(publish, failed=True), 9)
     assert session.handle(ReadersChecked((), consumers_alive=True), 9 + 2 * UNCONFIRMED_S) == []  # it was for a moment
     missing = ReadersChecked(("/bow/recorder does not hear bridge_force",), consumers_alive=True)
-    early = SimulatorSession(OWN, "f", lambda *_: True, prepare=request, now=8)
+    early = SimulatorSession(OWN, lambda _: "f", lambda *_: True, prepare=request, now=8)
     early.handle(PlanReceived(plan()), 9)
     early.handle(Published(publish, failed=True), 9)
     assert not any(isinstance(item, RecreatePublishers) for item in early.handle(missing, 9))
@@ -141,10 +141,10 @@ def test_a_simulator_refuses_blocks_that_cannot_be_right() -> None:
     lanes = sweep.lanes(cells)
 
     def objection(ready: bool = True, open_epoch: int = 1, **changes: Any) -> str:
-        session = SimulatorSession(OWN, fingerprint(), lambda *_: True)
+        session = SimulatorSession(OWN, fingerprint_of, lambda *_: True)
         session.handle(PlanReceived(plan(run, open_epoch)), 0)
         session.handle(ReadersChecked(() if ready else ("no recorder",), consumers_alive=True), 0)
-        message = block(3, run=run, fingerprint=fingerprint(), cells=cells)
+        message = block(3, run=run, fingerprint=sweep.fingerprint, cells=cells)
         message |= {"spec.settings": list(sweep.settings()), "x": lanes["f_asym"], "y": lanes["f_init_ratio"]}
         out = session.handle(BlockReceived({**message, **changes}), 0)
         return "".join(item.text for item in out if isinstance(item, Log))

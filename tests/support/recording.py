@@ -22,7 +22,6 @@ from bow_classifier.stream import Classifier
 from bow_classifier.task import Task
 from bow_sim.graph.discovery import apply_defaults
 from bow_sim.kernel.block import Block
-from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.states import BlockState, NodeState, PlanState
@@ -79,7 +78,7 @@ def plan(
             "state": state,
             "spec.preset": "",
             "spec.settings": sweep.settings(),
-            "fingerprint": fingerprint(),
+            "fingerprint": sweep.fingerprint,
             "classifier": sweep.thresholds.hash,
             "block_states": np.zeros(sweep.blocks, np.uint8) if states is None else states,
             "rounds": sweep.first_blocks.announce() if rounds is None else rounds,

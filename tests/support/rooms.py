@@ -51,9 +51,9 @@ bow_sweep.beyond: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.fi
     bow_sweep.plan bow_sweep.maps bow_sweep.edges
 bow_sweep.study: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim.protocol bow_sim.figures
     bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.figures
-bow: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
-    bow_classifier.verdict bow_classifier.measured bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.run
-    bow_sweep.figures bow_sweep.cell bow_sweep.processes bow_sweep.standing bow_sweep.study
+bow: bow_sim.atomic_files bow_sim.physics bow_sim.protocol bow_sim.graph bow_sim.figures bow_classifier.verdict
+    bow_classifier.measured bow_classifier bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.figures
+    bow_sweep.cell bow_sweep.processes bow_sweep.standing bow_sweep.study
 bow_sweep.cli: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim.figures
     bow_classifier.verdict bow_sweep.plan bow_sweep.maps bow_sweep.run bow_sweep.record bow_sweep.figures
     bow_sweep.cell bow_sweep.edges bow_sweep.view bow_sweep.explore bow_sweep.coordinator bow_sweep.processes

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bow_sim.physics import exact
 from bow_sim.physics.body import resonators
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection import Body, Ends, Reflection, ends
@@ -153,10 +154,10 @@ def gesture(p: Parameters, t: int) -> tuple[float, float]:
     if p.sustained:  # of Schelleng's maximum (PHYSICS.md section 14)
         ratio = p.sustained * (p.v_b / (ends(p).y * p.beta) / (p.mu_s - p.mu_d)) / p.f_asym
     f_init = (0.0 if p.gesture == "string_crossing" else ratio) * p.f_asym
-    f_b = p.f_asym + (f_init - p.f_asym) * math.exp(-t / p.tau_f)
+    f_b = p.f_asym + (f_init - p.f_asym) * exact.exp(-t / p.tau_f)
     v_b = p.v_b
     if p.gesture == "martele":
-        v_b = p.v_b + -p.v_b * math.exp(-t / p.tau_v)
+        v_b = p.v_b + -p.v_b * exact.exp(-t / p.tau_v)
     if p.gesture == "guettler":
         v_b = p.v_b * (p.acceleration / p.period * t)
     if p.gesture == "accelerate_to":
@@ -169,7 +170,7 @@ def simulate(p: Parameters, samples: int, e: Ends | None = None) -> dict[str, np
     e = e or ends(p)
     b, n, rb, rn = BodySide(e.bridge, body=e.body), Side(e.nut), Side(e.torsion_bridge), Side(e.torsion_nut)
     elastic = e.y_t * p.z_0 / p.hair_r if p.hair_r else 0.0
-    decay = math.exp(-p.hair_k / (p.hair_r * p.sample_rate)) if p.hair_r else 0.0
+    decay = exact.exp(-p.hair_k / (p.hair_r * p.sample_rate)) if p.hair_r else 0.0
     y = e.y + elastic
     c_t, c_r = e.y_t / 2 / y, e.y_r / 2 / y
     contact = Contact(p, y)

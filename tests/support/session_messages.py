@@ -25,7 +25,15 @@ def plan(run: tuple[str, str] = RUNS[0], epoch: int = 1, settled: Any = (), **ch
 
 def block(number: int = 0, attempt: int = 1, run: tuple[str, str] = RUNS[0], **changes: Any) -> dict[str, Any]:
     values = {"run_id": run[0], "sweep_id": run[1], "coordinator": COORDINATOR, "simulator": OWN, "epoch": 1}
-    return {**values, "fingerprint": "f", "block": number, "attempt": attempt, "cells": [number], **changes}
+    return {
+        **values,
+        "fingerprint": "f",
+        "spec.settings": [],
+        "block": number,
+        "attempt": attempt,
+        "cells": [number],
+        **changes,
+    }
 
 
 def receipt(entries: list[tuple[int, int, int]], run: tuple[str, str] = RUNS[0]) -> dict[str, Any]:

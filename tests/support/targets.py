@@ -187,7 +187,7 @@ class Targets:
         message |= {"spec.settings": settings, "cells": odd_array(chance, count, np.uint32)}
         message |= {axis: odd_array(chance, count, np.float64) for axis in ("x", "y")}
         message |= {"coordinator": "c", "simulator": "s"}
-        session = SimulatorSession("s", "f", lambda *_: True)
+        session = SimulatorSession("s", lambda _: "f", lambda *_: True)
         session.run, session.state = ("run", "s"), NodeState.READY
         out = session.handle(simulator_events.BlockReceived(message), 0.0)
         assert session.held == [(0, 1)] or any(isinstance(item, simulator_events.Log) and item.text for item in out)
@@ -209,7 +209,7 @@ class Targets:
         run.record, run.next_round, run.accounts, run.quarantined = list, lambda _: False, Counter, {}
         session.handle(RunGiven(run), 0.0)
         session.handle(ReceiptReceived(data) if name == "Receipt" else VerdictsReceived(data), 0.0)
-        simulator = SimulatorSession("s", "f", lambda *_: True)
+        simulator = SimulatorSession("s", lambda _: "f", lambda *_: True)
         simulator.run, simulator._window = (recording.RUN, SWEEP.sweep_id), recording_window()
         if name == "Receipt":
             simulator.handle(simulator_events.ReceiptReceived(cdr.decode(name, data)), 0.0)

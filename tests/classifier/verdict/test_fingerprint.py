@@ -17,7 +17,8 @@ NO_SOURCES = {
     "bow_sim.simd.code_cache",  # stores the code
     "bow_sim.physics.errors",
     "bow_sim.physics.parameters",  # the length of a chunk, which the messages show, and checks of thresholds
-    "bow_sim.physics.body",  # these six are of parameters
+    "bow_sim.physics.exact",  # these seven are of parameters
+    "bow_sim.physics.body",
     "bow_sim.physics.fields",
     "bow_sim.physics.friction_curve",
     "bow_sim.physics.instruments",

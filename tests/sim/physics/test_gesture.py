@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bow_sim.physics import exact
 from bow_sim.physics.cells import cells
 from bow_sim.physics.gesture import force_and_speed, shapes, shapes_of_cells
 from bow_sim.physics.parameters import GESTURES, Parameters
@@ -68,7 +67,7 @@ def test_a_shape_does_not_depend_on_where_its_table_is_cut(gesture, start, sampl
 def test_a_decay_is_the_exponential_of_the_c_library_at_every_place(tau_f, t):
     # array exponentials may round differently with the place in the array, but the result must not depend on it
     shape, _ = shapes(P.replace(tau_f=tau_f), t, 9)
-    assert shape.tolist() == [math.exp(-(t + i) / tau_f) for i in range(9)]
+    assert shape.tolist() == [exact.exp(-(t + i) / tau_f) for i in range(9)]
 
 
 def test_cells_with_time_constants_of_their_own_have_the_shapes_of_single_ones():

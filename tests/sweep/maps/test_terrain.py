@@ -12,7 +12,7 @@ from terrains import KINDS, Look, example, texture
 
 from bow_classifier.verdict.regimes import REGIMES
 from bow_classifier.verdict.thresholds import Thresholds
-from bow_sim.kernel.fingerprint import fingerprint
+from bow_sim.kernel.sources import source_hash
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile
@@ -250,9 +250,9 @@ def test_the_stored_maps_are_what_the_kernel_computes():
         for letter in LAYOUT:
             basin = compute(Sweep.from_spec(f"fig11{letter}"))
             ours, stored = basin.transient_periods, arrays[f"{letter}_transient_periods"].ravel()
-            if (str(arrays["fingerprint"]), str(arrays["classifier"])) == (fingerprint(), Thresholds().hash):
+            if f"source-{source_hash()} " in str(arrays["fingerprint"]) and arrays["classifier"] == Thresholds().hash:
                 assert np.array_equal(ours, stored)
-            assert np.mean((ours > 0) != (stored > 0)) < 0.02  # rounding on another processor changes a few decisions
+            assert np.mean((ours > 0) != (stored > 0)) < 0.02  # the last bit of a table changes a few decisions
             assert basin.helmholtz_fraction() == pytest.approx(np.mean(stored > 0), abs=0.01)
             flyback = REGIMES.index("multiple_flyback")
             share = np.mean(basin.latest("regime") == flyback)

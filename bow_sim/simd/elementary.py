@@ -1,0 +1,60 @@
+"""Elementary functions for compiled code, with the same bits on every machine.
+
+A compiler takes these functions from the C library, whose last bit differs between releases and processors. Here they
+are polynomials: every operation is exactly rounded and none is fused. They are right to about 1e-15.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from bow_sim.simd.jit import part
+
+_LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+
+_LN2 = 0.6931471805599453
+_LN2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
+"""The first 33 bits of log 2: its products with whole numbers below 2**20 are exact."""
+_LN2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
+
+_MOST = 700.0
+"""exp(x) is computed as that of the nearest x in -_MOST ... _MOST."""
+
+
+@part(**_LEAN)
+def exp(x):
+    """Return e**x."""
+    x = min(_MOST, max(-_MOST, x))
+    k = math.floor(x / _LN2 + 0.5)
+    r = (x - k * _LN2_HIGH) - k * _LN2_LOW
+    total = 1.0
+    for n in range(16, 0, -1):
+        total = 1.0 + r / n * total
+    return math.ldexp(total, int(k))
+
+
+@part(**_LEAN)
+def log(x):
+    """Return the natural logarithm of x > 0."""
+    m, k = math.frexp(x)
+    if m < 0.7:
+        m, k = 2.0 * m, k - 1
+    s = (m - 1.0) / (m + 1.0)
+    total = 0.0
+    for n in range(25, 0, -2):
+        total = total * (s * s) + 1.0 / n
+    return k * _LN2 + 2.0 * s * total
+
+
+@part(**_LEAN)
+def turn(x):
+    """Return cosine and sine of x, in radians, -2 pi ... 2 pi."""
+    h = x / 16.0
+    c = s = 1.0
+    for n in range(14, 0, -2):
+        c, s = 1.0 - h * h / (n * (n - 1)) * c, 1.0 - h * h / (n * (n + 1)) * s
+    s *= h
+    for _ in range(4):
+        c, s = (c - s) * (c + s), 2.0 * c * s
+    return c, s
