@@ -46,12 +46,18 @@ lint: setup-tests
 types: setup-tests
 	$(VENV)/mypy
 
+# Tests that only compute run two at a time, and so do those that mostly wait. With ARGS there may be none of a kind (5).
+PYTEST := $(VENV)/python -m pytest
+NONE := $(if $(ARGS),|| test $$? = 5)
+
 test-fast: lint types
-	$(VENV)/python -m pytest -m "not full" $(ARGS)
+	$(PYTEST) -m "side_by_side and not full" --numprocesses 2 --dist loadfile $(ARGS) $(NONE)
+	$(PYTEST) -m "not side_by_side and not full" $(ARGS) $(NONE)
 
 # The fast tier first, so that what is simply broken shows in a minute.
 test: test-fast
-	$(VENV)/python -m pytest -m full $(ARGS)
+	$(PYTEST) -m "waits and full" --numprocesses 3 --dist worksteal $(ARGS) $(NONE)
+	$(PYTEST) -m "full and not waits" $(ARGS) $(NONE)
 
 bench: setup-tests
 	$(VENV)/python -m bench $(ARGS)

@@ -50,7 +50,7 @@ class Cell:
         self.record = record
 
     def __repr__(self) -> str:
-        where = ", ".join(f"{name} {value:.3g}" for name, value in self.at.items())
+        where = self.record.place(form=".3g")
         length = self.transient_periods
         came = f"Helmholtz motion after {length:g} periods" if length > 0 else "never Helmholtz motion"
         return f"<bow.Cell {self.index}: {where}; {self.regime}, {came}; {self.source}>"

@@ -97,7 +97,7 @@ def _flags(names: tuple[str, ...], rest: str) -> dict[str, Any]:
 
 
 def _axis_attributes(axis: Any, found: MapFile) -> dict[str, Any]:
-    title = axis.title(mathematics=False, settings=found.settings).partition("  ")[0]
+    title = axis.title(found.settings).partition("  ")[0]
     return {"long_name": title, "units": unit_of(axis.name) or "1", "scale": axis.scale}
 
 

@@ -157,15 +157,20 @@ def _axis(key: str, given: AxisGiven | None) -> Iterator[str]:
         given = (given,)
     if isinstance(given, Mapping):
         values = dict(given)
-    elif len(given) == 2 and not isinstance(given[1], str) and isinstance(given[1], (Sequence, np.ndarray)):
+    elif (
+        isinstance(given, Sequence)
+        and len(given) == 2
+        and not isinstance(given[1], str)
+        and isinstance(given[1], (Sequence, np.ndarray))
+    ):
         values = {"name": given[0], "values": given[1]}
-    elif not 1 <= len(given) <= len(AXIS):
+    elif not (isinstance(given, Sequence) and 1 <= len(given) <= len(AXIS)):
         right = f"a name, (name, [value, ...]) or ({', '.join(AXIS)}), whose end may be left out"
         raise ParameterError(f"{key} = {given!r}: should be {right}")
     else:
         values = dict(zip(AXIS, given, strict=False))
     if "values" in values and not isinstance(values["values"], str):
-        values["values"] = np.asarray(values["values"], float).tolist()
+        values["values"] = np.ravel(np.asarray(values["values"])).tolist()  # numbers, or names of models
     yield from _texts(values, f"{key}.")
 
 

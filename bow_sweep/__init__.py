@@ -12,6 +12,7 @@ explore            the page in the browser
 coordinator        who hands out the blocks
 processes          the processes of a graph on this machine
 study              families of maps, what they say together, and the search for the best
+standing           a graph that stays, and its clients
 paper              what the paper states, beside what is found
 beyond             the claims made since, beside what is found
 cli                the command `bow`

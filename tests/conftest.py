@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import gc
 import os
 import tempfile
@@ -11,11 +10,16 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+from domains import own_domain
 
 ROOT = Path(__file__).resolve().parent.parent
 
-DOMAINS = range(1, 100)
-"""DDS domains whose ports stay below those that Linux hands out by itself."""
+SIDE_BY_SIDE = (
+    *("sim/figures", "sim/kernel", "sim/physics", "sim/protocol", "sim/simd"),
+    *("classifier/features", "classifier/verdict"),
+    *("sweep/cell", "sweep/figures", "sweep/maps", "sweep/paper", "sweep/plan"),
+)
+"""Folders whose tests only compute: they start no processes of ours, and can run beside each other."""
 
 # Before anything imports rclpy: a middleware or a reach from the caller's shell would test something else.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -27,6 +31,14 @@ os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-stat
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long anything takes is not tested
 hypothesis.settings.load_profile("untimed")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that may run at the same time as others like them."""
+    folders = [ROOT / "tests" / name for name in SIDE_BY_SIDE]
+    for item in items:
+        if any(folder in item.path.parents for folder in folders) and not item.get_closest_marker("full"):
+            item.add_marker("side_by_side")
 
 
 @pytest.fixture(scope="session")
@@ -44,22 +56,9 @@ def participants() -> int:
 
 
 @pytest.fixture
-def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A DDS domain of its own, for this process and its children, as long as the test runs.
-
-    Two test runs on one machine don't get the same one: each domain has a file that its user locks.
-    """
-    folder = Path(tempfile.gettempdir()) / f"bow-test-domains-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    for domain in DOMAINS:
-        with open(folder / str(domain), "w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-            yield domain
-            gc.collect()
-            assert participants() == 0, "the test has left a node that nothing destroys but a collection of garbage"
-            return
-    pytest.fail(f"all {len(DOMAINS)} DDS domains are in use, says {folder}")
+def ros_domain() -> Iterator[int]:
+    """A DDS domain of its own, for this process and its children, as long as the test runs."""
+    with own_domain() as domain:
+        yield domain
+        gc.collect()
+        assert participants() == 0, "the test has left a node that nothing destroys but a collection of garbage"

@@ -106,7 +106,7 @@ CONDITIONS = (
     Condition(("hair_r",), NEEDS["z_0"], lambda p, swept: p.z_0 > 0 or "z_0" in swept),
     Condition(
         ("hair_k",),
-        "bow hair: hair=NAME, or hair_r=NUMBER in kg/s, with string=NAME",
+        "bow hair: hair=NAME, or hair_r=NUMBER in kg/s",
         lambda p, swept: p.hair_r > 0 or "hair_r" in swept,
     ),
     Condition(

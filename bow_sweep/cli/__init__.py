@@ -25,6 +25,8 @@ export        `bow export`
 plot          `bow plot`
 classify      `bow classify`
 settings      `bow settings`
+up            `bow up`, `bow down`: a graph that stays
+status        `bow status`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user
 """

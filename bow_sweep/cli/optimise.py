@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.study import add_options, problem_of, settings_of
 from bow_sweep.cli.sweep_report import print_text
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
@@ -85,7 +84,7 @@ def _asked(args: argparse.Namespace) -> tuple[Search, str]:
     chosen = choose(args.preset)
     if chosen.path:
         print(f"preset {chosen.label}: from {chosen.path}", flush=True)
-    given = [*embed_files(chosen.settings), *settings_of(args)]
+    given = settings_of(chosen, args)
     settings = [line for line in SMALL if not any(each.startswith(line.partition("=")[0] + "=") for each in given)]
     measure = args.measure or "helmholtz"
     search = Search(

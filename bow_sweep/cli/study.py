@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.parameters import parse_settings
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.maps.playability import MEASURES
-from bow_sweep.plan.preset_files import choose
+from bow_sweep.plan.preset_files import Chosen, choose
 from bow_sweep.processes.exit_status import DONE, FAILED, QUARANTINED, USAGE
 from bow_sweep.study.campaigns import campaign, campaigns
 from bow_sweep.study.over import over_of
@@ -20,8 +21,11 @@ from bow_sweep.study.plan import Study
 if TYPE_CHECKING:
     from bow_sweep.cli.sweep_jobs import Work
 
-SHORT = {"nx": "x.count", "ny": "y.count", "periods": "periods"}
+SHORT = {"nx": "x.count", "ny": "y.count", "periods": "periods", "record": "record"}
 """Option -> the setting that it gives."""
+
+RECORD = "record=verdicts"
+"""Unless it is set: waveforms of many maps are computed again when they are asked for."""
 
 
 def add_command(commands: Any) -> None:
@@ -67,6 +71,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--nx", metavar="N", help="cells along x of each map")
     parser.add_argument("--ny", metavar="N", help="cells along y")
     parser.add_argument("--periods", metavar="N", help="length of each simulation, a multiple of 5")
+    parser.add_argument(
+        "--record",
+        metavar="WHAT",
+        help="what the bags hold beside the verdicts: verdicts (nothing, the default), last or all, as of `bow sweep`",
+    )
     parser.add_argument("--set", metavar="NAME=VALUE", action="append", default=[], dest="settings", help=SET_HELP)
     parser.add_argument("--simulators", metavar="N", type=int, help="processes (default: one a core)")
     parser.add_argument(
@@ -75,10 +84,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, help="directory (default: runs/PRESET-DATE)")
 
 
-def settings_of(args: argparse.Namespace) -> list[str]:
-    """Return the settings that the options give, for all maps."""
+def settings_of(chosen: Chosen, args: argparse.Namespace) -> list[str]:
+    """Return the settings of a user's file and of the options, for all maps."""
     short = [f"{key}={getattr(args, name)}" for name, key in SHORT.items() if getattr(args, name) is not None]
-    return list(embed_files([*short, *args.settings]))
+    given = list(embed_files([*chosen.settings, *short, *args.settings]))
+    return given if "record" in parse_settings(given) else [RECORD, *given]
 
 
 def problem_of(args: argparse.Namespace) -> str:
@@ -118,7 +128,7 @@ def _work(args: argparse.Namespace) -> Work:
     chosen = choose(args.preset, campaigns())
     if chosen.path:
         print(f"preset {chosen.label}: from {chosen.path}", flush=True)
-    settings = [*embed_files(chosen.settings), *settings_of(args)]
+    settings = settings_of(chosen, args)
     if chosen.preset in campaigns():
         if args.over:
             right = "a study over presets is: --over preset=A,B"

@@ -65,6 +65,8 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11d                          the paper's Fig 11(d), 8192 cells\n"
         "  bow sweep fig11c --nx 32 --ny 16 --out small\n"
         "  bow sweep fig11d --set x.first=2 --set x.last=8 --set mu_s=0.9\n"
+        "  bow sweep fig11d --set x=stiffness_b --set y=mu_s         any two parameters, with ranges of their own\n"
+        "  bow sweep fig11d --set x=model --set y=beta --set y.values=[0.08,0.1,0.2]   all values of an axis\n"
         "  bow sweep fig11c --nx 32 --ny 16 --set repeats=8          each cell again, forces up to 1 % off\n"
         "  bow sweep fig11d --record verdicts        a small bag: waveforms are computed again when asked for\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
@@ -227,7 +229,7 @@ def run_jobs(
     if args.no_lock:
         display.print_line("the run directory is not locked: make sure that no other process is at work on it")
     try:
-        with _standing_graph(args, dashboard, screen, display) if jobs else nullcontext() as graph:
+        with _lasting_graph(args, work, dashboard, screen, display) if jobs else nullcontext() as graph:
             for number, job in enumerate(jobs, 1):
                 p, x, y = job.sweep.parameters, job.sweep.x, job.sweep.y
                 name = job.sweep.preset or (job.directory.name if len(jobs) > 1 else "sweep")
@@ -281,31 +283,34 @@ def run_jobs(
 
 
 @contextlib.contextmanager
-def _standing_graph(
-    args: argparse.Namespace, dashboard: Wanted, screen: Screen, display: Display
+def _lasting_graph(
+    args: argparse.Namespace, work: Work, dashboard: Wanted, screen: Screen, display: Display
 ) -> Iterator[Graph | None]:
-    """Yield a client of the standing graph; None where there is none, or the sweep needs a graph of its own."""
+    """Yield a graph that lasts for all runs; None where each of them needs a graph of its own.
+
+    It is the graph of `bow up` if it is there and fits, else, for several runs, one that ends with them.
+    """
+    from bow_sweep.standing.client import connect, private_graph
     from bow_sweep.standing.fits import objection, since
     from bow_sweep.standing.state import default_folder, read_state
 
     state = None if getattr(args, "own_graph", False) else read_state(default_folder())
+    asked, watched = getattr(args, "asked_simulators", None), bool(screen.uri)
+    sync, lock = not args.no_sync, not args.no_lock
+    if state is not None:
+        shown = dashboard.dashboard
+        problem = objection(state, simulators=asked, dashboard=shown, watched=watched, sync=sync, lock=lock)
+        if problem:
+            display.print_line(f"the graph of `bow up` is not used, {problem}")
+            state = None
     if state is None:
-        yield None
+        if len(work.jobs) < 2 or watched or not (sync and lock) or discovery.goes_beyond(os.environ):
+            yield None
+            return
+        drawn, root = dashboard.dashboard, work.owned.directory
+        with private_graph(args.simulators, root, dashboard=drawn, say=display.print_line) as graph:
+            yield graph
         return
-    problem = objection(
-        state,
-        simulators=getattr(args, "asked_simulators", None),
-        dashboard=dashboard.dashboard,
-        watched=bool(screen.uri),
-        sync=not args.no_sync,
-        lock=not args.no_lock,
-    )
-    if problem:
-        display.print_line(f"the graph of `bow up` is not used, {problem}")
-        yield None
-        return
-    from bow_sweep.standing.client import connect
-
     display.print_line(f"uses the graph of `bow up`, there since {since(state)}; --own-graph does without it")
     with connect() as graph:
         yield graph

@@ -81,7 +81,7 @@ def map_figure(
         )
     for shown_axis, axis in ((made.xaxis[0], plane.axes[0]), (made.yaxis[0], plane.axes[1])):
         _ticks(shown_axis, axis)
-        shown_axis.axis_label = axis.title(mathematics=False, settings=plane.settings)
+        shown_axis.axis_label = axis.title(plane.settings)
     if short:
         made.yaxis.axis_label = PLAIN_SYMBOLS.get(plane.y_name, plane.y_name)
     made.add_tools(PanTool(), WheelZoomTool(), BoxZoomTool(), ResetTool())

@@ -6,6 +6,7 @@ Texts have TeX between dollar signs, as Matplotlib draws it: ``$\mu_s = 0.8$``. 
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Sequence
 
 from bow_sweep.figures.layers import AT_A_TEST, LAYERS, LayerError, Panel
@@ -13,7 +14,7 @@ from bow_sweep.figures.symbols import DASHED, plain, speed_unit, symbol_of
 from bow_sweep.maps.held_fixed import Held, gesture_of, held_fixed, in_the_other_system, moving, string_of
 from bow_sweep.maps.limit_lines import drawn
 from bow_sweep.maps.limits import FORMULAS as PLAIN_FORMULAS
-from bow_sweep.maps.limits import TITLES, limits
+from bow_sweep.maps.limits import TITLES, limits, why_no_bounds
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Plane
 from bow_sweep.maps.reliability import RELIABLE
@@ -135,7 +136,7 @@ def limit_texts(plane: Plane) -> list[str]:
     found = limits(plane)
     inside = {each.limit.name for each in drawn(plane)}
     same = len({each.inputs for each in found}) == 1
-    texts = []
+    texts = [mathematics(why)] if (why := why_no_bounds(plane)) else []
     for each in found:
         broken = " (broken line)" if each.name in DASHED else ""
         words = TITLES[each.name] + (broken if each.name in inside else " lies outside of the axes")
@@ -156,6 +157,26 @@ def _symbols_in(text: str) -> str:
     """Return a formula that is plain text with its symbols in TeX."""
     words = "|".join(re.escape(word) for word in sorted(_WORDS, key=len, reverse=True))
     return re.sub(rf"(?<![\w$\\])({words})(?!\w)", lambda found: f"${_WORDS[found[1]]}$", text)
+
+
+def in_plain_text(text: str) -> str:
+    """Return a text, which may have formulas of `FORMULAS`, without TeX."""
+    for formula, tex in FORMULAS.items():
+        text = text.replace(tex, _symbols_in(PLAIN_FORMULAS[formula]).replace("^2", "\u00b2"))
+    return plain(text)
+
+
+def wrapped_limits(plane: Plane, width: int) -> list[str]:
+    """Return :func:`limit_texts` as plain text in lines of at most `width` letters, where words allow it.
+
+    Drawing the formulas would take a fifth of the time of the whole picture.
+    """
+    return [
+        line
+        for text in limit_texts(plane)
+        for line in textwrap.wrap(in_plain_text(text), width, break_long_words=False, break_on_hyphens=False,
+                                  subsequent_indent="    ")
+    ]  # fmt: skip
 
 
 def layer_text(panel: Panel) -> str:
@@ -209,11 +230,7 @@ def caption(panels: Sequence[Panel], markup: str = "plain") -> str:
         )
     sentences += dict.fromkeys(text for panel in panels for text in limit_texts(panel.plane))
     text = " ".join(f"{_capital(sentence)}." for sentence in sentences)
-    if markup == "latex":
-        return latex(text)
-    for formula, tex in FORMULAS.items():
-        text = text.replace(tex, _symbols_in(PLAIN_FORMULAS[formula].replace("^2", "\u00b2")))
-    return plain(text)
+    return latex(text) if markup == "latex" else in_plain_text(text)
 
 
 def what_differs(planes: Sequence[Plane]) -> list[str]:

@@ -97,7 +97,7 @@ def cell_pixels(plane: Plane, size: tuple[int, int], dpi: float) -> tuple[float,
     return dots[0] / scale, dots[1] / scale
 
 
-MADE_LETTERS = 115
+MADE_LETTERS = 130
 """Letters in a line below the title of a map."""
 
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from bow_sim.figures.page import MUTED, check_path, save, style
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING
-from bow_sweep.figures.caption import limit_texts
+from bow_sweep.figures.caption import wrapped_limits
 from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours, viridis
 from bow_sweep.figures.layout import Layout, cell_pixels, lengths_of, percent, titles
 from bow_sweep.figures.panel import draw_limits, label, paint, places
@@ -37,6 +37,9 @@ PANEL_PIXELS = (768, 384)
 LINE_PITCH = 34
 """Distance of two lines of text below a title, pixels."""
 
+LIMIT_LETTERS = 115
+"""Letters in a line about limits of theory; they are plain text, which is wider."""
+
 WHITE = (255, 255, 255)
 
 PANELS = {
@@ -57,7 +60,7 @@ def map_figure(plane: Plane, dpi: float) -> Figure:
         width, height = cell_pixels(plane, MAP_PIXELS, dpi)
         small = cell_pixels(plane, (MAP_PIXELS[0] // 2, MAP_PIXELS[1] // 2), dpi)
         title, made = titles(plane)
-        made += limit_texts(plane)
+        made += wrapped_limits(plane, LIMIT_LETTERS)
         left, top = 155, 116 + LINE_PITCH * len(made)
         below = top + height + 180
         repeated: Reliability | None = getattr(plane, "reliability", None)

@@ -19,12 +19,13 @@ from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator
 
+from bow_sim.physics.kinds import MODEL, model_name
 from bow_sweep.figures.symbols import DASHED, limit_symbol, symbol_of
 from bow_sweep.figures.symbols import label as axis_label
 from bow_sweep.maps.axes import PlotAxis, Tick
 from bow_sweep.maps.held_fixed import moving
 from bow_sweep.maps.limit_lines import drawn
-from bow_sweep.maps.plane import Plane
+from bow_sweep.maps.plane import MODEL_NAMES, Plane
 
 MOST_AREAS = 30_000
 """Largest number of rectangles in a vector file; a map with more is an image in it."""
@@ -44,7 +45,7 @@ class Along:
         self.axis = axis
         count = axis.count
         self.edges = np.arange(count + 1.0)
-        self.uneven = axis.scale not in ("linear", "log") and count > 2
+        self.uneven = axis.scale != "log" and axis.name != MODEL and not _is_even(axis.values)
         if self.uneven:
             self.log, scaled = _evener(axis.values)
             middle = (scaled[1:] + scaled[:-1]) / 2
@@ -63,6 +64,9 @@ class Along:
 
     def ticks(self) -> list[Tick]:
         """Return the ticks, with and without labels."""
+        if self.axis.name == MODEL:
+            names = [model_name(value) for value in self.axis.values]
+            return [Tick(i + 0.5, MODEL_NAMES.get(name, name)) for i, name in enumerate(names)]
         if not self.uneven:
             return self.axis.ticks()
         first, last = self._ends
@@ -71,6 +75,11 @@ class Along:
         places = [(tick.position - 0.5) / 256 * self.axis.count for tick in even.ticks()]
         made = [Tick(place, tick.text) for place, tick in zip(places, even.ticks(), strict=True)]
         return [tick for tick in made if -1e-9 <= tick.position <= self.axis.count + 1e-9]
+
+
+def _is_even(values: np.ndarray) -> bool:
+    steps = np.diff(np.asarray(values, float))
+    return len(steps) < 2 or bool(np.ptp(steps) <= 1e-6 * abs(steps).max())
 
 
 def _evener(values: np.ndarray) -> tuple[bool, np.ndarray]:
@@ -185,7 +194,7 @@ def number(text: str) -> str:
     """Return a number as Matplotlib should write it: with a minus sign, and powers of ten as such."""
     found = re.fullmatch(r"(-?)([0-9.]+)e([+-][0-9]+)", text)
     if not found:
-        return text.replace("-", "\N{MINUS SIGN}")
+        return re.sub(r"^-(?=[0-9.])", "\N{MINUS SIGN}", text)
     head = "" if found[2] == "1" else rf"{found[2]}\times"
     return rf"${found[1]}{head}10^{{{int(found[3])}}}$"
 
@@ -210,7 +219,7 @@ def draw_limits(
     ax: Axes,
     plane: Plane,
     labels: bool = True,
-    width: float = 1.4,
+    width: float = 1.6,
     size: float = 10,
     along: tuple[Along, Along] | None = None,
 ) -> None:

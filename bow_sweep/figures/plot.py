@@ -19,7 +19,9 @@ from bow_sim.figures.page import STYLE
 from bow_sweep.figures.layers import LayerError, Panel, Shown, shown
 from bow_sweep.figures.panel import Along, axis_titles, draw_borders, draw_limits, number, paint, places, set_ticks
 from bow_sweep.figures.sheet import LABEL, SMALL, TICKS, TITLE, Sheet, ink_on
+from bow_sweep.figures.symbols import limit_symbol
 from bow_sweep.maps.axes import Tick
+from bow_sweep.maps.limit_lines import drawn
 from bow_sweep.maps.map_file import MapFile
 
 NARROWEST_MM, WIDEST_MM = 40.0, 400.0
@@ -214,7 +216,7 @@ class _Figure(Sheet):
             draw_borders(ax, panel.plane.reliability.reliable, 0.6 * f, along)
         draw_limits(ax, panel.plane, width=0.9 * f, size=SMALL * f, along=along)
         if panel.layer == "regime":
-            self._letters(ax, found, along, width, height)
+            self._letters(ax, panel.plane, found, along, (width, height))
         ax.tick_params(labelsize=TICKS * f, pad=1.8 * f, length=2.5 * f, width=0.6 * f)
         ax.tick_params(which="minor", length=1.5 * f, width=0.45 * f)
         for side, (direction, length, kept) in enumerate(((ax.xaxis, width, with_x), (ax.yaxis, height, with_y))):
@@ -255,26 +257,42 @@ class _Figure(Sheet):
                 return [tick if tick.position in kept else tick._replace(text="") for tick in ticks]
         return ticks
 
-    def _letters(self, ax: Axes, found: Shown, along: tuple[Along, Along], width: float, height: float) -> None:
+    def _letters(
+        self, ax: Axes, plane: MapFile, found: Shown, along: tuple[Along, Along], panel: tuple[float, float]
+    ) -> None:
         """Write the letter of each regime into its two largest areas, where there is room."""
         from scipy.ndimage import distance_transform_edt, label  # takes a third of a second
 
         assert found.codes is not None
         ny, nx = found.codes.shape
+        width, height = panel
         size = 6.5 * self.factor
+        free = ~self._under_labels(plane, panel)
         for code, (_, colour, letter) in enumerate(found.names):
             if not letter:
                 continue
             regions, count = label(found.codes == code)
             areas = np.bincount(regions.ravel(), minlength=count + 1)[1:]
             for region in np.argsort(-areas, kind="stable")[:2] + 1:
-                inside = np.pad(regions == region, 1)
+                inside = np.pad((regions == region) & free, 1)
                 room = distance_transform_edt(inside, sampling=(height / ny, width / nx))[1:-1, 1:-1]
                 iy, ix = np.unravel_index(int(np.argmax(room)), room.shape)
                 if room[iy, ix] < 0.75 * size / 72:
                     continue
                 x, y = (float(way.at(np.array(i + 0.5))) for way, i in zip(along, (ix, iy), strict=True))
                 ax.text(x, y, letter, color=ink_on(colour), fontsize=size, ha="center", va="center_baseline")
+
+    def _under_labels(self, plane: MapFile, panel: tuple[float, float]) -> np.ndarray:
+        """Return which cells the symbols of the limits of theory cover, (ny, nx) bool."""
+        ny, nx = plane.shape
+        covered = np.zeros((ny, nx), bool)
+        for each in drawn(plane):
+            wide, tall = self.size(f"${limit_symbol(each.limit.name)}$", SMALL)
+            x, y = each.label
+            across, up = wide / 2 / panel[0] * nx, tall / 2 / panel[1] * ny
+            rows = slice(max(0, int(y - up)), int(y + up) + 1)
+            covered[rows, max(0, int(x - across)) : int(x + across) + 1] = True
+        return covered
 
 
 def _shape(plane: MapFile) -> float:

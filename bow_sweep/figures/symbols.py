@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from bow_sim.physics.body import mode_setting
 from bow_sim.physics.instruments import SI
+from bow_sim.physics.kinds import THRESHOLD
 from bow_sim.physics.parameters import FIELDS
 
 
@@ -91,6 +92,7 @@ _TABLE: dict[str, Symbol] = {
     "rosin_flow": Symbol("b_T", "heat taken away by sliding", "W$^{1/2}$ m$^{-1/2}$ K$^{-1}$"),
     "rosin_rest": Symbol("c_T", "heat lost always", "m s$^{-1}$ K$^{-1}$"),
     "periods": Symbol("n", "length of the simulation", "periods"),
+    "model": Symbol("", "model of the string"),
 }
 
 _MODES: dict[str, tuple[str, str, str]] = {
@@ -155,6 +157,8 @@ def _of_mode(name: str) -> Symbol | None:
 
 def _unknown(name: str) -> Symbol:
     words, unit = (SI[name].doc, SI[name].unit) if name in SI else ("", "")
+    if name.startswith(THRESHOLD):
+        name, words = name.removeprefix(THRESHOLD), "threshold of the classifier:"
     if name in FIELDS:
         about = FIELDS[name].metadata
         words, unit = str(about["doc"]).partition(";")[0].rpartition(": ")[2], str(about.get("unit", ""))
@@ -195,6 +199,8 @@ def limit_symbol(name: str) -> str:
 def label(symbol: Symbol, words: bool = False) -> str:
     """Return the title of an axis for Matplotlib: symbol and unit, and before them the words if asked for."""
     unit = f" ({symbol.unit})" if symbol.unit else ""
+    if not symbol.tex:
+        return symbol.words
     return f"{symbol.words} ${symbol.tex}${unit}".lstrip() if words else f"${symbol.tex}${unit}"
 
 

@@ -35,17 +35,6 @@ TITLES = {
 }
 """Titles of axes; other parameters have the first words of their own description as title."""
 
-SYMBOLS = {
-    "f_asym": r"$f_\mathrm{asym}$",
-    "f_init_ratio": r"$f_\mathrm{init}\,/\,f_\mathrm{asym}$",
-    "v_mid": r"$v_\mathrm{mid}$",
-    "tau_f": r"$\tau_f$",
-    "stiffness_b": r"$B$",
-    "bow_bridge": r"$\beta N$",
-    "beta": r"$\beta$",
-}
-"""The paper's symbols, in Matplotlib's mathematics."""
-
 PLAIN_SYMBOLS = {"f_init_ratio": "f_init / f_asym"}
 """Symbols in plain text, where they differ from the name of the parameter."""
 
@@ -153,34 +142,30 @@ class PlotAxis:
         inside = {**plain, **labelled}
         return sorted(tick for tick in inside.values() if -1e-9 <= tick.position <= self.count + 1e-9)
 
-    def title(self, mathematics: bool = True, settings: Iterable[str] = ()) -> str:
-        """Return the title of the axis: name, symbol and unit.
+    def title(self, settings: Iterable[str] = ()) -> str:
+        """Return the title of the axis as plain text: what it is, the name of its setting, and its unit.
+
+        Figures have symbols instead: :mod:`bow_sweep.figures.symbols`.
 
         Parameters
         ----------
-        mathematics
-            Whether to write symbols between dollar signs, for Matplotlib; else the name of the parameter.
         settings
             "name=value" of the sweep: the unit of bow force depends on bow speed and admittance.
         """
         known = FIELDS.get(self.name)
         words = TITLES.get(self.name) or (known.metadata["doc"] if known else _si(self.name).doc).partition(";")[0]
-        if mathematics:
-            symbol = SYMBOLS.get(self.name, self.name.replace("_", " ") if known is None else self.name)
-        else:
-            symbol = PLAIN_SYMBOLS.get(self.name, self.name)
-        unit = self._unit(mathematics, settings)
+        symbol = PLAIN_SYMBOLS.get(self.name, self.name)
+        unit = self._unit(settings)
         label = words if symbol == words else f"{words}  {symbol}"
         return f"{label}  ({unit})" if unit else label
 
-    def _unit(self, mathematics: bool, settings: Iterable[str]) -> str:
+    def _unit(self, settings: Iterable[str]) -> str:
         if self.name == "f_init_ratio":
             return ""
         if self.name == "f_asym":  # force = speed / admittance
             given = dict(setting.partition("=")[::2] for setting in settings)
             speed, admittance = (_tidy(given.get(key, usual)) for key, usual in (("v_b", "1"), ("y_t", "2")))
-            names = (r"$v_b = ", r"$Y_T = ", "$") if mathematics else ("v_b = ", "Y_T = ", "")
-            return f"units: {names[0]}{speed}{names[2]}, {names[1]}{admittance}{names[2]}"
+            return f"units: v_b = {speed}, Y_T = {admittance}"
         known = FIELDS.get(self.name)
         return str(known.metadata["unit"]) if known else _si(self.name).unit
 

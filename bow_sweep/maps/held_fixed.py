@@ -9,7 +9,7 @@ from bow_sim.physics.body import mode_unit
 from bow_sim.physics.instruments import SI, in_si
 from bow_sim.physics.kinds import value_text
 from bow_sim.physics.parameters import FIELDS, FLOATS
-from bow_sweep.maps.axes import PLAIN_SYMBOLS, SYMBOLS
+from bow_sweep.maps.axes import PLAIN_SYMBOLS
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
 
 GESTURE_SETTINGS = {
@@ -49,16 +49,6 @@ PLAIN = {**PLAIN_SYMBOLS, "y_t": "Y_T", "bow_bridge": "beta"}
 CLOSE = {"f_init_ratio": "f_init/f_asym", "bow_bridge": "beta N", "y_t": "Y_T"}
 """Symbols where space is short."""
 
-MATHEMATICS = {
-    **SYMBOLS,
-    "mu_s": r"$\mu_s$",
-    "mu_d": r"$\mu_d$",
-    "v_b": r"$v_b$",
-    "y_t": r"$Y_T$",
-    "bow_bridge": r"$\beta$",
-    "tau_v": r"$\tau_v$",
-}
-
 
 class Held(NamedTuple):
     """A setting that all cells share: its `name`, its value as `text`, its `unit` ("" for a number).
@@ -71,15 +61,13 @@ class Held(NamedTuple):
     unit: str
     beside: str = ""
 
-    def line(self, mathematics: bool = False) -> str:
-        """Return "symbol = value unit"; `mathematics` writes symbols for Matplotlib."""
-        unit = self.unit.replace("v_b", r"$v_b$").replace("Y_T", r"$Y_T$") if mathematics else self.unit
-        text = self.text.replace("-", "\N{MINUS SIGN}") if mathematics else self.text
-        return f"{self.symbol(mathematics)} = {text} {unit}".rstrip() + f" ({self.beside})" * bool(self.beside)
+    def line(self) -> str:
+        """Return "symbol = value unit"."""
+        return f"{self.symbol()} = {self.text} {self.unit}".rstrip() + f" ({self.beside})" * bool(self.beside)
 
-    def symbol(self, mathematics: bool = False) -> str:
-        """Return the symbol of the setting; `mathematics` writes it for Matplotlib."""
-        return MATHEMATICS.get(self.name, self.name) if mathematics else PLAIN.get(self.name, self.name)
+    def symbol(self) -> str:
+        """Return the symbol of the setting as plain text."""
+        return PLAIN.get(self.name, self.name)
 
 
 def held_fixed(plane: Plane) -> list[Held]:

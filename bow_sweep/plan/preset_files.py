@@ -26,7 +26,7 @@ from bow_sim.physics.kinds import MODEL, THRESHOLD
 from bow_sim.physics.parameters import SWEEPABLE, TYPES, Parameters
 from bow_sim.protocol.recording import RECORD
 from bow_sim.protocol.repeats import MAX_SEED
-from bow_sim.protocol.sweep_spec import VALUES, read_values
+from bow_sim.protocol.sweep_spec import VALUES
 from bow_sweep.plan.presets import presets, read_preset
 from bow_sweep.plan.sweep import Sweep, default_block_cells
 
@@ -119,7 +119,7 @@ def save(path: Path, sweep: Sweep, title: str) -> None:
         group, dot, rest = name.partition(".")
         if line in usual and group not in ("x", "y"):
             continue
-        value = list(read_values(name, text)) if name in ("x.values", "y.values") else _value(text)
+        value = [*map(_value, text.strip("[]").split(", "))] if name in ("x.values", "y.values") else _value(text)
         (content.setdefault(group, {}) if dot else content)[rest if dot else name] = value
     with replacing(path) as file:
         file.write(yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())

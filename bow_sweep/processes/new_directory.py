@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bow_sweep.processes.run_graph import LOGS
 from bow_sweep.processes.shm_cleaner import NOTE
-from bow_sweep.run.directory import CAMPAIGN, LEDGER, STUDY, RunError
+from bow_sweep.run.directory import CAMPAIGN, LEDGER, SEARCH, STUDY, RunError
 from bow_sweep.run.lock import name_of, take
 
 RUNS = Path("runs")
@@ -66,7 +66,7 @@ class OwnedDirectory:
         """
         begun = not self.new or any((run / LEDGER).exists() for run in (self.directory, *runs))
         if not begun:
-            for name in (STUDY, CAMPAIGN):
+            for name in (STUDY, SEARCH, CAMPAIGN):
                 (self.directory / name).unlink(missing_ok=True)
             for run in (*runs, self.directory):
                 _remove_start(run)
@@ -157,7 +157,7 @@ def _given(directory: Path, made: list[Path]) -> Path:
     """Create the directory that the user named, or use it where it is empty."""
     _make(directory, made)
     if not never_began(directory):
-        begun = any((directory / name).exists() for name in (LEDGER, STUDY, CAMPAIGN))
+        begun = any((directory / name).exists() for name in (LEDGER, STUDY, SEARCH, CAMPAIGN))
         go_on = f"go on with --resume {shlex.quote(str(directory))}" if begun else "an empty one"
         raise RunError(f"is not empty; choose a new one, or {go_on}")
     return directory.resolve()

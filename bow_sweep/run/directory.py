@@ -34,8 +34,8 @@ from bow_sweep.run.ledger_file import LEDGER, latest_states, read_ledger, set_le
 from bow_sweep.run.lock import take
 
 REPORT, PICTURE = "report.json", "map.png"
-STUDY, CAMPAIGN = "study.yaml", "campaign.json"
-"""Files that say what a directory of several runs is for; the second is of before there were studies."""
+STUDY, SEARCH, CAMPAIGN = "study.yaml", "optimise.yaml", "campaign.json"
+"""Files that say what a directory of several runs is for; the last is of before there were studies."""
 
 VERSIONS_OF = (
     "bow",

@@ -25,6 +25,7 @@ from bow_sweep.processes.progress import Progress
 from bow_sweep.processes.supervisor import GraphError, tail
 from bow_sweep.run.directory import LEDGER, RunError, read_ledger
 from bow_sweep.run.places import Place, remove_places, write_place
+from bow_sweep.standing.listener import SPIN_S, Listener
 from bow_sweep.standing.start import start, stop
 from bow_sweep.standing.state import LOGS, PLACES, TURNS, State, default_folder, read_state
 from bow_sweep.standing.turns import Turn
@@ -32,7 +33,6 @@ from bow_sweep.standing.turns import Turn
 if TYPE_CHECKING:
     import subprocess
 
-    from bow_msgs.msg import Health
 
 JOIN_S = 30.0
 """A client has this long to find the coordinator and get an answer to a goal."""
@@ -43,7 +43,7 @@ CANCEL_S = 90.0
 PATIENCE_S = 300.0
 """A run without progress for this long is cancelled."""
 
-SPIN_S, LOOK_S, AGAIN_S = 0.05, 0.5, 0.5
+LOOK_S, AGAIN_S = 0.5, 0.5
 
 CLOSE_S = 30.0
 
@@ -70,114 +70,29 @@ class Finished:
     wall_s: float
 
 
-@dataclass(frozen=True)
-class Seen:
-    """A node of the graph, as its latest heartbeat describes it.
-
-    Attributes
-    ----------
-    rss
-        Resident memory, bytes.
-    at
-        When the heartbeat arrived, seconds of the monotonic clock.
-    """
-
-    role: str
-    node: str
-    incarnation: str
-    pid: int
-    state: int
-    detail: str
-    run_id: str
-    rss: int
-    at: float
-
-
-class Graph:
+class Graph(Listener):
     """A client of a standing graph. Make it with :func:`connect` or :func:`private_graph`.
 
     Parameters
     ----------
     state, folder
         The graph.
-
-    Attributes
-    ----------
-    nodes
-        Name -> node, those heard so far.
     """
 
     def __init__(self, state: State, folder: Path) -> None:
-        import rclpy
+        super().__init__(state)
         from bow_msgs.action import RunSweep
-        from bow_msgs.msg import Health
         from rclpy.action import ActionClient
-        from rclpy.context import Context
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.signals import SignalHandlerOptions
 
-        from bow_sim.graph.discovery import apply_defaults
-        from bow_sim.graph.node_base import LATCHED_DEEP
-
-        apply_defaults()
-        self.state, self.folder = state, folder
-        self.nodes: dict[str, Seen] = {}
+        self.folder = folder
         self._type = RunSweep
-        self._context = Context()
-        rclpy.init(
-            args=[],
-            context=self._context,
-            domain_id=int(state.domain),
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._node = rclpy.create_node(
-            f"client_{random_id()[:8]}",
-            namespace=state.namespace,
-            context=self._context,
-            enable_rosout=False,
-            start_parameter_services=False,
-        )
-        self._node.create_subscription(Health, "health", self._on_health, LATCHED_DEEP)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
         self._action = ActionClient(self._node, RunSweep, "run_sweep")
 
     def close(self) -> None:
         """Leave the graph."""
-        from bow_sim.graph.node_process import leave
-
-        self._executor.shutdown()
         self._action.destroy()
-        self._node.destroy_node()
-        self._context.try_shutdown()
-        del self._executor, self._action, self._node
-        leave()
-
-    def spin(self, seconds: float = SPIN_S) -> None:
-        """Take in what comes within a time; update :attr:`nodes`."""
-        self._executor.spin_once(timeout_sec=seconds)
-
-    def _on_health(self, message: Health) -> None:
-        if message.state == NodeState.DEAD:
-            for name in [name for name, node in self.nodes.items() if node.pid == message.pid]:
-                del self.nodes[name]
-            return
-        self.nodes[message.node] = Seen(
-            message.role,
-            message.node,
-            message.incarnation,
-            message.pid,
-            message.state,
-            message.detail,
-            message.run_id,
-            message.rss,
-            time.monotonic(),
-        )
-
-    @property
-    def coordinator(self) -> Seen | None:
-        """The coordinator, as it was heard last."""
-        return next((node for node in self.nodes.values() if node.role == "coordinator"), None)
+        del self._action
+        super().close()
 
     def run(
         self,
@@ -241,13 +156,17 @@ class Graph:
             self._wait_for_turn(turn, check, progress)
             directory.mkdir(parents=True, exist_ok=True)
             write_place(self.folder / PLACES, identity, place)
-            goal, feedback = self._send(sweep, identity, check, progress)
-            remove_places(self.folder / PLACES, but=identity)  # runs of killed clients are over
-            try:
-                result = self._wait(goal, identity, feedback, check, progress, patience_s)
-            except (KeyboardInterrupt, GraphError):
-                self._cancel(goal)
-                raise
+            while True:
+                goal, feedback = self._send(sweep, identity, check)
+                try:
+                    result = self._wait(goal, identity, feedback, check, progress, patience_s)
+                except (KeyboardInterrupt, GraphError):
+                    self._cancel(goal)
+                    raise
+                if ONE_AT_A_TIME not in result.message:
+                    break
+                self._pause(check, progress)
+            remove_places(self.folder / PLACES)  # this run is over, and so are those of clients that were killed
         if not result.run_id:
             raise GraphError(f"the graph refuses the run: {result.message}")
         return Finished(
@@ -278,44 +197,34 @@ class Graph:
 
     # ---- a goal
 
-    def _send(
-        self, sweep: Sweep, identity: str, check: Callable[[], None], progress: Callable[[Progress | None, str], None]
-    ) -> tuple[Any, list[Any]]:
-        """Send a goal until it is taken; return its handle, and a list of which the last item is its latest feedback.
-
-        It is refused while the run of an earlier client goes on that was killed: that one comes first.
-        """
+    def _send(self, sweep: Sweep, identity: str, check: Callable[[], None]) -> tuple[tuple[Any, Any], list[Any]]:
+        """Send a goal; return its handle and its result to come, and a list of which the last item is its feedback."""
         from bow_msgs.msg import SweepSpec
         from unique_identifier_msgs.msg import UUID
 
-        spec = SweepSpec(preset=sweep.preset, settings=list(sweep.settings()))
-        goal = self._type.Goal(spec=spec)
         self._until(self._action.server_is_ready, check, "no coordinator is found")
-        while True:
-            feedback: list[Any] = []
-            key = UUID(uuid=list(bytes.fromhex(identity) + uuid.uuid4().bytes[:8]))
+        goal = self._type.Goal(spec=SweepSpec(preset=sweep.preset, settings=list(sweep.settings())))
+        feedback: list[Any] = []
 
-            def keep(message: Any, last: list[Any] = feedback) -> None:
-                last[:] = [message.feedback]
+        def keep(message: Any) -> None:
+            feedback[:] = [message.feedback]
 
-            sent = self._action.send_goal_async(goal, feedback_callback=keep, goal_uuid=key)
-            self._until(sent.done, check, "the coordinator does not answer")
-            handle = sent.result()
-            assert handle is not None
-            if not handle.accepted:
-                raise GraphError("the coordinator rejects the goal; is it of another version of bow?")
-            answer = handle.get_result_async()
-            began = time.monotonic()
-            while not answer.done() and not feedback and time.monotonic() - began < LOOK_S:
-                self.spin()
-            if not answer.done() or ONE_AT_A_TIME not in answer.result().result.message:
-                return (handle, answer), feedback
-            until = time.monotonic() + AGAIN_S
-            while time.monotonic() < until:
-                check()
-                progress(None, "for a run that goes on without its client")
-                self.spin()
-            self._check_alive()
+        key = UUID(uuid=list(bytes.fromhex(identity) + uuid.uuid4().bytes[:8]))
+        sent = self._action.send_goal_async(goal, feedback_callback=keep, goal_uuid=key)
+        self._until(sent.done, check, "the coordinator does not answer")
+        handle = sent.result()
+        if handle is None or not handle.accepted:
+            raise GraphError("the coordinator rejects the goal; is it of another version of bow?")
+        return (handle, handle.get_result_async()), feedback
+
+    def _pause(self, check: Callable[[], None], progress: Callable[[Progress | None, str], None]) -> None:
+        """Wait a moment, because a run is in progress whose client was killed."""
+        until = time.monotonic() + AGAIN_S
+        while time.monotonic() < until:
+            check()
+            progress(None, "for a run that goes on without its client")
+            self.spin()
+        self._check_alive()
 
     def _until(self, done: Callable[[], bool], check: Callable[[], None], why: str) -> None:
         """Wait until something is done.

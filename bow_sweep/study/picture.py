@@ -21,8 +21,8 @@ from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import FIELDS
 from bow_sweep.figures.colours import transient_colours, viridis
-from bow_sweep.figures.layout import label as label_axes
-from bow_sweep.figures.layout import paint
+from bow_sweep.figures.panel import label as label_axes
+from bow_sweep.figures.panel import paint
 from bow_sweep.figures.symbols import label, symbol_of
 from bow_sweep.maps.plane import MODEL_NAMES, Plane
 from bow_sweep.maps.playability import Measure

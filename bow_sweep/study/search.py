@@ -21,13 +21,10 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import parse_settings
 from bow_sweep.maps.playability import MEASURES
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.run.directory import RunError
+from bow_sweep.run.directory import SEARCH, RunError
 from bow_sweep.study.over import SCALES, Range
 from bow_sweep.study.plan import Member, run_name
 from bow_sweep.study.statistics import LEVEL, Measured, p_value
-
-SEARCH = "optimise.yaml"
-"""File that says what is searched."""
 
 SEARCH_REPORT = "optimise.json"
 FORMAT = 1

@@ -138,8 +138,8 @@ def surroundings(plane: Plane) -> Decorations:
         made.line((0, place), (-(TICK if tick.text else MINOR_TICK), place))
         if tick.text:
             made.label(-TICK - GAP - text_width(tick.text) / 2, place - LINE / 2, tick.text)
-    made.label(WIDTH / 2, BELOW + LINE + GAP, x.title(mathematics=False, settings=plane.settings))
-    made.label_from(made.bounds[0][0] + 1, TITLE, y.title(mathematics=False, settings=plane.settings))
+    made.label(WIDTH / 2, BELOW + LINE + GAP, x.title(plane.settings))
+    made.label_from(made.bounds[0][0] + 1, TITLE, y.title(plane.settings))
     return made
 
 

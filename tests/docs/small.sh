@@ -1,6 +1,7 @@
 # Read before every shell block of the documentation: it ends at the first command that fails, and its sweeps are small
 # and without a dashboard.
 set -euo pipefail
+trap 'ls "${XDG_STATE_HOME:-/nowhere}"/bow/graph-*/graph.json > /dev/null 2>&1 && command bow down > /dev/null' EXIT
 
 bow() {
   local small=()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from domains import own_domain
 from graph import assert_gone_on_with, assert_survives_a_kill, bow, run_sweep, sweeping, verified
 
 from bow_sweep.maps.in_process import compute
@@ -22,8 +23,7 @@ ADAPTIVE = ["fig11f", *(f"--set={line}" for line in SETTINGS)]
 @pytest.fixture(scope="module")
 def adaptive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The adaptive sweep without any mishap."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", "101")
+    with own_domain():
         return run_sweep(tmp_path_factory.mktemp("adaptive") / "run", *ADAPTIVE)
 
 

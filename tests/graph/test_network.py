@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from domains import own_domain
 from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, run_sweep, sweeping, verified
 from machines import ADDRESSES, FAR, NEAR, Machines, machines
 
@@ -80,8 +81,7 @@ def joined(two: Machines, sweep: Sweep, log: Path, **machine: str) -> Iterator[N
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sweep on one machine."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", "101")
+    with own_domain():
         return run_sweep(tmp_path_factory.mktemp("alone") / "run", *LONG)
 
 

@@ -86,7 +86,7 @@ def test_a_study_that_was_killed_in_the_middle_is_gone_on_with_and_has_the_maps_
         verified(study / name)
         alone = tmp_path / f"alone-{name}"
         alone.mkdir()
-        sweep("fig11d", **GRID, block_cells=8, mu_s=value, progress=False).save(alone / "map.npz")
+        sweep("fig11d", **GRID, block_cells=8, mu_s=value, record="verdicts", progress=False).save(alone / "map.npz")
         assert_same_map(alone, study / name)
     content = json.loads((study / "study.json").read_text())
     assert [each["run"] for each in content["maps"]] == NAMES

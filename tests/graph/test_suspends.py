@@ -13,9 +13,10 @@ from pathlib import Path
 
 import psutil
 import pytest
+from domains import own_domain
 from graph import Sweep, assert_same_map, run_sweep, sweeping, verified
 
-pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
+pytestmark = [pytest.mark.full, pytest.mark.waits, pytest.mark.usefixtures("ros_domain")]
 
 LONG = ["fig11d", "--nx", "32", "--ny", "16", "--periods", "200", "--set", "block_cells=16"]
 """512 cells in 32 blocks: some seconds."""
@@ -29,8 +30,7 @@ EVERYBODY = ("supervisor", "coordinator", "recorder", "classifier", "simulator_1
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sweep without a stop."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", "101")
+    with own_domain():
         return run_sweep(tmp_path_factory.mktemp("whole") / "run", *LONG)
 
 

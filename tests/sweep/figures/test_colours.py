@@ -30,3 +30,26 @@ def test_every_regime_has_a_colour_of_its_own():
     assert len(set(colours)) == len(names)
     assert module.regime_colours(names[::-1][2:]) == colours[:-2][::-1]
     assert len(module.regime_colours([f"regime_{n}" for n in range(255)])) == 255
+
+
+@pytest.mark.parametrize("kind", [None, "deuteranomaly", "protanomaly", "tritanomaly"])
+@pytest.mark.parametrize("palette", ["regimes", "terrain"])
+def test_colours_of_names_are_told_apart_by_colour_blind_people(palette, kind):
+    from colorspacious import cspace_convert
+
+    of = {"regimes": module.REGIME_COLOURS.values(), "terrain": module.TERRAIN_COLOURS}[palette]
+    seen = np.array([*of, module.GREY]) / 255
+    if kind:
+        seen = cspace_convert(seen, {"name": "sRGB1+CVD", "cvd_type": kind, "severity": 100}, "sRGB1").clip(0, 1)
+    places = cspace_convert(seen, "sRGB1", "CAM02-UCS")
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)[~np.eye(len(places), dtype=bool)]
+    assert apart.min() > 9  # a just noticeable difference is about 1
+
+
+def test_lengths_keep_their_order_of_lightness_for_colour_blind_people():
+    from colorspacious import cspace_convert
+
+    lengths = module.transient_colours(np.arange(5, 105, 5.0), 100) / 255
+    for kind in ("deuteranomaly", "protanomaly", "tritanomaly"):
+        seen = cspace_convert(lengths, {"name": "sRGB1+CVD", "cvd_type": kind, "severity": 100}, "sRGB1").clip(0, 1)
+        assert (np.diff(cspace_convert(seen, "sRGB1", "CAM02-UCS")[:, 0]) < 0).all()

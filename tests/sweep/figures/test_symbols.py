@@ -57,7 +57,11 @@ def test_units_are_those_of_the_sweep(name: str, settings: list[str], moving: tu
 
 def test_an_unknown_name_is_its_own_symbol() -> None:
     assert label(symbol_of("unheard_of"), words=True) == r"$\mathrm{unheard\ of}$"
-    assert plain(label(symbol_of("classifier.corner"))) == "classifier corner"
+
+
+def test_axes_of_thresholds_and_models_have_titles_too() -> None:
+    assert plain(label(symbol_of("classifier.corner"), words=True)) == "threshold of the classifier: corner"
+    assert label(symbol_of("model")) == label(symbol_of("model"), words=True) == "model of the string"
 
 
 def test_plain_text_has_no_tex() -> None:

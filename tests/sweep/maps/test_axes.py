@@ -61,13 +61,12 @@ def test_values_that_do_not_make_an_axis_are_refused(values):
 
 
 def test_titles_name_parameter_symbol_and_unit():
-    assert "asymptotic bow force" in FORCE.title()
-    assert "$f_\\mathrm{asym}$" in FORCE.title()
-    assert "Y_T = 3" in FORCE.title(mathematics=False, settings=["y_t=3.0"])
-    assert PlotAxis.of("bow_bridge", np.arange(10.0, 20.0)).title(mathematics=False) == (
+    assert FORCE.title() == "asymptotic bow force  f_asym  (units: v_b = 1, Y_T = 2)"
+    assert "Y_T = 3" in FORCE.title(["y_t=3.0"])
+    assert PlotAxis.of("bow_bridge", np.arange(10.0, 20.0)).title() == (
         "round trip from bow to bridge  bow_bridge  (samples)"
     )
-    assert PlotAxis.of("unheard_of", np.arange(3.0)).title(mathematics=False) == "unheard_of"
+    assert PlotAxis.of("unheard_of", np.arange(3.0)).title() == "unheard_of"
 
 
 UNEVEN = [0.1, 0.2, 0.5, 0.6, 3.0]

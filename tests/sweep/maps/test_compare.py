@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sweep.cli import main
 from bow_sweep.maps.basin_map import Basin
-from bow_sweep.maps.compare import compare, difference, names, notes, sure
+from bow_sweep.maps.compare import compare, difference, names, notes, settings_that_differ, sure
 from bow_sweep.maps.map_file import MapFile, write_map_npz
 from bow_sweep.maps.playability import MEASURES, playability
 from bow_sweep.plan.sweep import Sweep
@@ -155,3 +155,44 @@ def test_help_teaches_the_five_kinds(capsys):
     shown = capsys.readouterr().out
     for words in ("streaky", "speckle without black", "docile", "interleaved grids", "exit status: 0 done, 2 wrong"):
         assert words in shown
+
+
+def test_the_settings_that_differ_come_first(pair, capsys):
+    assert bow("compare", *pair) == 0
+    shown = capsys.readouterr().out
+    lines = [line.split() for line in shown.splitlines()]
+    assert ["│", "preset", "│", "fig11c", "│", "fig11d", "│"] in lines
+    assert ["│", "model", "│", "delta_cremer", "│", "stiff_cremer", "│"] in lines
+    assert shown.index("settings that differ") < shown.index("Helmholtz motion")
+    assert "made by" not in shown  # nothing is known of it
+    assert bow("compare", pair[0], pair[0], "--json") == 0
+    assert json.loads(capsys.readouterr().out)["settings"] == {}
+
+
+def test_a_setting_that_differs_has_its_values_and_its_unit(pair, tmp_path):
+    other = run_of(tmp_path / "other", "fig11d", 0.5, "tau_f=800", "x.last=10", "y.name=bridge_r", "y.first=5")
+    found = {each.name: each for each in settings_that_differ(compare([pair[1], other]))}
+    assert found["tau_f"].values == ("400.0", "800.0")
+    assert found["tau_f"].unit == "samples"
+    assert found["x.last"].values == ("20.0", "10.0")
+    assert found["bridge_r"].values == ("25.0", "an axis")
+    assert found["f_init_ratio"].values == ("an axis", "1.0")
+    assert "preset" not in found
+
+
+def test_an_older_run_without_a_setting_had_its_default(pair, tmp_path):
+    plane = compare(pair)[1].plane
+    older = replace(plane, settings=tuple(line for line in plane.settings if not line.startswith("hair_k")))
+    write_map_npz(tmp_path / "older.npz", older)
+    assert settings_that_differ(compare([pair[1], tmp_path / "older.npz"])) == []
+
+
+def test_what_made_the_runs_is_compared(pair, capsys):
+    for run, kernel in zip(pair, ("a", "b"), strict=True):
+        report = {"fingerprint": kernel, "classifier": "c", "versions": {"numba": "0.68.1"}}
+        (run / "report.json").write_text(json.dumps(report))
+    assert bow("compare", *pair, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["made_by"] == {"kernel": {"values": ["a", "b"], "unit": ""}}
+    (pair[0] / "report.json").write_text("torn")
+    assert bow("compare", *pair) == 0
+    assert "made by" not in capsys.readouterr().out

@@ -24,6 +24,7 @@ from bow_sweep.plan.preset_files import choose, save, schema
 from bow_sweep.plan.sweep import Sweep
 
 NAMES = sorted(SWEEPABLE | SI.keys() | {f"body_1_{kind}" for kind in body.KINDS})
+PAIRED = [*NAMES, "model", "classifier.slip"]
 RUN = "0123456789abcdef"
 MODELS = ("raman", "delta_cremer", "stiff_cremer")
 
@@ -72,16 +73,17 @@ def test_every_number_has_a_usual_axis() -> None:
 @settings(deadline=None, max_examples=25)
 @given(preset=st.sampled_from(["fig11d", "schelleng", "guettler_cello", "playability"]), pair=st.data())
 def test_two_parameters_make_a_plane_or_a_refusal_that_says_what_would_do(preset: str, pair: st.DataObject) -> None:
-    x, y = pair.draw(st.sampled_from(NAMES)), pair.draw(st.sampled_from(NAMES))
+    x, y = pair.draw(st.sampled_from(PAIRED)), pair.draw(st.sampled_from(PAIRED))
     assume(x != y)
     try_pair(preset, x, y)
 
 
 @pytest.mark.full
-def test_all_pairs_make_a_plane_or_a_refusal_that_says_what_would_do() -> None:
-    refused = [reason for x, y in itertools.combinations(NAMES, 2) if (reason := try_pair("fig11d", x, y))]
+def test_every_second_pair_makes_a_plane_or_a_refusal_that_says_what_would_do() -> None:
+    pairs = list(itertools.combinations(PAIRED, 2))[::2]
+    refused = [reason for x, y in pairs if (reason := try_pair("fig11d", x, y))]
     for_good = [reason for reason in refused if "it can be computed" not in reason]
-    assert len(for_good) < 0.12 * len(NAMES) * (len(NAMES) - 1) / 2
+    assert len(for_good) < 0.12 * len(pairs)
 
 
 def test_an_axis_takes_scale_and_range_from_its_parameter_not_from_the_preset() -> None:
@@ -188,12 +190,17 @@ def test_a_later_layer_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None
     assert planned("", *choose(str(tmp_path / "saved.yaml")).settings).x.given == (0.1, 0.2, 0.3)
 
 
-def test_models_stand_in_the_order_of_the_hierarchy_and_a_setting_of_one_of_them_is_enough() -> None:
+def test_models_stand_in_the_order_of_the_hierarchy_and_a_setting_of_one_of_them_is_enough(
+    tmp_path: Path,
+) -> None:
     assert planned("fig11d", "x=model").x.count == 6
     sweep = planned("fig11d", "x=model", "x.values=[stiff_cremer, raman]", "y=stiffness_b", "y.count=2")
     assert sweep.x.values().tolist() == [1, 5]
     assert "x.values=[raman, stiff_cremer]" in sweep.settings()
     assert [sweep.block(number).tolist() for number in range(sweep.blocks)] == [[0, 2], [1, 3]]
+    save(tmp_path / "two.yaml", sweep, "two models")
+    assert yaml.safe_load((tmp_path / "two.yaml").read_text())["x"]["values"] == ["raman", "stiff_cremer"]
+    assert planned("", *choose(str(tmp_path / "two.yaml")).settings).x == sweep.x
 
 
 KINDS = [("y=classifier.slip",), ("x=model", "y=classifier.corner", "y.count=5"), ("x=model", "adaptive=0.6")]

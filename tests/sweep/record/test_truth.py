@@ -228,7 +228,7 @@ def test_whatever_happens_to_the_files_the_map_is_that_of_an_undisturbed_run(his
 
 
 @pytest.mark.full
-@settings(SETTINGS, max_examples=600)
+@settings(SETTINGS, max_examples=300)
 @given(
     name=st.sampled_from(NAMES),
     state=places | st.just(LAST),

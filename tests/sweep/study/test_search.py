@@ -8,13 +8,12 @@ import pytest
 import yaml
 
 from bow_sim.physics.errors import ParameterError
-from bow_sweep.run.directory import RunError
+from bow_sweep.run.directory import SEARCH, RunError
 from bow_sweep.study.over import range_of
 from bow_sweep.study.report import aligned
 from bow_sweep.study.search import (
     HIGHEST,
     LOWEST,
-    SEARCH,
     SEARCH_REPORT,
     Optimiser,
     Search,
