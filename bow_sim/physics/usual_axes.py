@@ -109,6 +109,11 @@ def usual(name: str) -> Usual | None:
     return USUAL.get(name)
 
 
+def scale_of(name: str) -> str:
+    """Return the scale of the usual axis of a sweepable setting."""
+    return (usual(name) or USUAL[SI[name].same]).scale
+
+
 def span(name: str, key: str, p: Parameters, swept: Mapping[str, float]) -> Span:
     """Return scale and ends of the usual axis of a setting.
 

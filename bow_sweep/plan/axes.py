@@ -17,7 +17,7 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import SI
 from bow_sim.physics.kinds import MODEL, MODEL_NAMES, THRESHOLD, with_values
 from bow_sim.physics.parameters import TYPES, Parameters
-from bow_sim.physics.usual_axes import Span, rounded, span
+from bow_sim.physics.usual_axes import Span, rounded, scale_of, span
 from bow_sim.protocol.sweep_spec import (
     VALUES,
     Axis,
@@ -126,10 +126,10 @@ class AxisSettings:
                 raise ParameterError(f"{self.key}.scale = {VALUES!r}: needs {self.key}.values=[...]")
             if self.name.startswith(THRESHOLD):
                 usual = of_threshold(self.name.removeprefix(THRESHOLD))
-            elif missing != ["scale"] or self.name not in SI:
+            elif missing == ["scale"]:  # a range may depend on what is not known, a scale does not
+                usual = Span(scale_of(self.name), 1.0, 1.0)
+            else:
                 usual = span(self.name, self.key, p, swept)
-            else:  # both ends are given, and the range in SI units may depend on what is not
-                usual = Span("linear", 1.0, 1.0)
             given |= self._spanned(usual)
         return Axis.of(self.key, given)
 

@@ -27,7 +27,7 @@ from bow_sweep.processes.supervisor import GraphError, Supervisor
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.lock import take
 from bow_sweep.run.places import remove_places
-from bow_sweep.standing.state import FILE, LOGS, PLACES, State, boot, make_folder, sources
+from bow_sweep.standing.state import FILE, LOGS, MAIN_LOG, PLACES, State, boot, make_folder, sources
 
 ROLE = "graph"
 """Of the lock in the folder: held as long as the graph is there."""
@@ -84,6 +84,7 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
     }
     remove_places(folder / PLACES)
     (folder / FILE).unlink(missing_ok=True)
+    _remove_logs(folder / LOGS)
     supervisor = Supervisor(namespace, folder / LOGS, parameters)
     state = State(
         pid=os.getpid(),
@@ -125,6 +126,13 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
             gc.enable()
             if killed:
                 print_line(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
+
+
+def _remove_logs(logs: Path) -> None:
+    """Remove the logs of the graph before this one, so that they do not grow for ever."""
+    for path in logs.glob("*.log"):
+        if path.name != MAIN_LOG:
+            path.unlink(missing_ok=True)
 
 
 def _has_lost_its_owner() -> bool:

@@ -163,7 +163,8 @@ def publish_rubbish(node: Node, stop: threading.Event) -> None:
 
 
 def test_the_parameter_file_names_what_the_nodes_declare() -> None:
-    text = {path: path.read_text() for room in ("bow_sim", "bow_sweep") for path in (ROOT / room).rglob("*.py")}
+    packages = ("bow_sim", "bow_classifier", "bow_sweep")
+    text = {path: path.read_text() for room in packages for path in (ROOT / room).rglob("*.py")}
     declaring = "".join(content for content in text.values() if "(BowNode)" in content)
     for node in yaml.safe_load((ROOT / "config" / "nodes.yaml").read_text()).values():
         for name in node["ros__parameters"]:

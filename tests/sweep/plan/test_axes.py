@@ -24,6 +24,7 @@ from bow_sweep.plan.preset_files import choose, save, schema
 from bow_sweep.plan.sweep import Sweep
 
 NAMES = sorted(SWEEPABLE | SI.keys() | {f"body_1_{kind}" for kind in body.KINDS})
+PAIRED = [*NAMES, "model", "classifier.slip"]
 RUN = "0123456789abcdef"
 MODELS = ("raman", "delta_cremer", "stiff_cremer")
 
@@ -72,16 +73,17 @@ def test_every_number_has_a_usual_axis() -> None:
 @settings(deadline=None, max_examples=25)
 @given(preset=st.sampled_from(["fig11d", "schelleng", "guettler_cello", "playability"]), pair=st.data())
 def test_two_parameters_make_a_plane_or_a_refusal_that_says_what_would_do(preset: str, pair: st.DataObject) -> None:
-    x, y = pair.draw(st.sampled_from(NAMES)), pair.draw(st.sampled_from(NAMES))
+    x, y = pair.draw(st.sampled_from(PAIRED)), pair.draw(st.sampled_from(PAIRED))
     assume(x != y)
     try_pair(preset, x, y)
 
 
 @pytest.mark.full
-def test_all_pairs_make_a_plane_or_a_refusal_that_says_what_would_do() -> None:
-    refused = [reason for x, y in itertools.combinations(NAMES, 2) if (reason := try_pair("fig11d", x, y))]
+def test_every_second_pair_makes_a_plane_or_a_refusal_that_says_what_would_do() -> None:
+    pairs = list(itertools.combinations(PAIRED, 2))[::2]
+    refused = [reason for x, y in pairs if (reason := try_pair("fig11d", x, y))]
     for_good = [reason for reason in refused if "it can be computed" not in reason]
-    assert len(for_good) < 0.12 * len(NAMES) * (len(NAMES) - 1) / 2
+    assert len(for_good) < 0.12 * len(pairs)
 
 
 def test_an_axis_takes_scale_and_range_from_its_parameter_not_from_the_preset() -> None:

@@ -110,7 +110,7 @@ def test_an_exhaustive_sweep_is_what_it_was_before_there_were_adaptive_ones() ->
         (["x.last=inf"], "x.last = inf"),
         (["x.last=0.5"], "x.last = 0.5"),
         (["x.scale=cubic"], "x.scale = 'cubic'"),
-        (["x.name=model"], "x.name = 'model'"),
+        (["x.name=gesture"], "x.name = 'gesture'"),
         (["x.colour=red"], "x.colour: no such setting"),
         (["y.name=f_asym"], "y.name = 'f_asym'"),
         (["y.first=-0.5"], "f_init_ratio = -0.5"),
