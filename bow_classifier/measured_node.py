@@ -190,4 +190,5 @@ class MeasuredNode(BowNode):
         while self._session.run_id and time.monotonic() < until and self.executor is not None:
             self.executor.spin_once(timeout_sec=TICK_S)
             self._go_on()
+        self._session.give_up()
         self._carry_out()

@@ -200,6 +200,15 @@ class Session:
         """End the stretch in progress: the node is told to stop."""
         self._follow(self._listener.end("the node was told to stop"))
 
+    def give_up(self) -> None:
+        """Close the runs that are left: the node ends, and what is not answered will not be."""
+        while self._runs:
+            run = self._runs.popleft()
+            if run.announced is not None:
+                self._plan(run, PlanState.CLOSED, BlockState.QUARANTINED)
+                what = f"{len(run.window)} tests and {len(run.pieces)} chunks without an answer"
+                self.out.append(Out("warning", f"run {run.run_id} is given up: {what}"))
+
     def _open(self, run: _Run, now: float, recorder: bool, missing: Callable[[str, bool], list[str]]) -> None:
         if run.announced is None:  # when it becomes the first
             run.announced, run.recorder = now, recorder

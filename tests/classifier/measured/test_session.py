@@ -100,6 +100,21 @@ def test_nothing_is_sent_before_the_readers_hear(session: Session) -> None:
     assert any("begins all the same: no recorder" in line for line in readers.said)
 
 
+def test_a_node_that_ends_before_its_readers_hear_closes_the_run_as_given_up(session: Session) -> None:
+    readers = Readers(session)
+    readers.missing = ["no recorder has taken up the run"]
+    play(readers, played(0.8))
+    session.stop()
+    readers.go_on(0.9)
+    session.give_up()
+    readers.missing = []
+    readers.go_on(1.0)
+    last = readers.got["plan"][-1]
+    assert (last["state"], last["block_states"].tolist()) == (PlanState.CLOSED, [BlockState.QUARANTINED])
+    assert "is given up" in readers.said[-1]
+    assert session.run_id == ""
+
+
 def test_a_recorder_that_comes_later_gets_a_run_of_its_own(session: Session) -> None:
     readers = Readers(session, recorder=False)
     play(readers, played(0.8))
