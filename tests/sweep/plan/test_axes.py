@@ -261,3 +261,12 @@ def test_a_cell_of_any_plane_is_the_cell_computed_alone(lines: tuple[str, ...]) 
         single = compute(planned("fig11d", *alone, "periods=10"))
         for name, layer in found.layers.items():
             np.testing.assert_array_equal(layer[:, cell], single.layers[name][:, 0], name)
+
+
+@pytest.mark.parametrize(("setting", "axis"), [("body_1_f=440", "body_1_ratio"), ("body_1_m=0.1", "body_1_k")])
+def test_a_mode_that_is_given_in_another_way_than_its_axis_is_refused(setting: str, axis: str) -> None:
+    string = ["string=violin_a", "body=wolf_83", setting]
+    with pytest.raises(ParameterError, match=f"{setting.partition('=')[0]} is given too; give one of them"):
+        Sweep.from_spec("fig11d", [*string, f"y.name={axis}", "y.first=0.8", "y.last=1.2"])
+    other = Sweep.from_spec("fig11d", [*string, "y.name=body_1_q", "y.first=20", "y.last=40"])
+    assert setting.partition("=")[0] in other.parameters.body_changes
