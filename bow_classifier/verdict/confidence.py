@@ -2,7 +2,7 @@
 
 A logistic function of six margins, with one row of coefficients for each regime. ``python -m studies.verdicts --fit``
 fitted the coefficients to records whose regime is known; docs/verdicts.md shows how well they predict other records.
-That of wolves is not fitted: all of 13 cells called so were wolves, and the rule of succession gives 14/15.
+That of wolves is the rule of succession: all of 126 strings called so were wolves (``python -m studies.wolves``).
 No coefficient of a margin is negative: the confidence never falls with the distance from a threshold.
 """
 
@@ -36,7 +36,7 @@ COEFFICIENTS = np.array(
         [2.411, 0.324, 0.0, 0.0, 0.0, 0.0, 0.0],  # raman_higher
         [6.131, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],  # anomalous_low_frequency
         [-1.904, 1.709, 0.0, 0.0, 0.152, 0.0, 1.087],  # subharmonic
-        [2.639, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],  # wolf
+        [4.844, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],  # wolf
     ]
 )
 """(regimes, margins): see `bow_classifier.verdict.regimes.DEFINITIONS` for the rows."""

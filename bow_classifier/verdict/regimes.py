@@ -95,7 +95,8 @@ DEFINITIONS = (
         "A beat between string and body: in the last 100 periods (of 150 or more since the start) the share of periods "
         "with exactly one significant slip is between *wolf_share* and 1 - *wolf_share*, it changes between one and "
         "more at least *wolf_changes* times, and the r.m.s. bridge force comes back after some periods, the beat, with "
-        "an autocorrelation above *wolf_beat*; the beat is longer than *lag_long*. This name comes before all others.",
+        "an autocorrelation above *wolf_beat*; the beat is longer than *lag_long*. One of more than 29 periods is "
+        "hardly ever found. This name comes before all others.",
         "McIntyre, Schumacher & Woodhouse 1983, Fig 14; PHYSICS.md section 11",
     ),
 )

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
-from bow_sim.physics.body import LEFT_OUT, left_out, mode_setting, modes_of
+from bow_sim.physics.body import LEFT_OUT, left_out, mode_setting, modes_of, slot
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import BRIDGES, NEEDS, SI
 from bow_sim.physics.kinds import with_values
@@ -212,6 +212,10 @@ def _unmet(p: Parameters, name: str, swept: frozenset[str]) -> str:
     """Return what a setting that differs between cells needs, and has not; "" where it has an effect."""
     if mode_setting(name) and not _has_body(p):
         return f"has no effect here; it needs {_BODY}"
+    if mode_setting(name):
+        for given in (word.partition("=")[0] for word in p.body_changes.split()):
+            if slot(given) == slot(name):
+                return f"{given} is given too; give one of them"
     for condition in _conditions(name):
         if not condition.holds(p, swept):
             return f"has no effect here; it needs {condition.needs}"

@@ -123,7 +123,7 @@ def changed(changes: str, given: Mapping[str, object], path: str = "") -> str:
     ParameterError
         Where a value is no positive number, or one thing is given in two ways.
     """
-    values = {_slot(name): (name, value) for name, value in _changes(changes, path)}
+    values = {slot(name): (name, value) for name, value in _changes(changes, path)}
     before: dict[tuple[int, str], str] = {}
     for name, value in given.items():
         own = as_number(value)
@@ -132,14 +132,14 @@ def changed(changes: str, given: Mapping[str, object], path: str = "") -> str:
             raise ParameterError(
                 f"{path}{name} = {value!r}: must be a number > 0{f' in {unit}' if unit else ''} ({what})"
             )
-        if _slot(name) in before:
-            raise ParameterError(f"{path}{name} = {value!r}: {before[_slot(name)]} is given too; give one of them")
-        before[_slot(name)] = name
-        values[_slot(name)] = (name, own)
+        if slot(name) in before:
+            raise ParameterError(f"{path}{name} = {value!r}: {before[slot(name)]} is given too; give one of them")
+        before[slot(name)] = name
+        values[slot(name)] = (name, own)
     return " ".join(f"{name}={value!r}" for _, (name, value) in sorted(values.items()))
 
 
-def _slot(name: str) -> tuple[int, str]:
+def slot(name: str) -> tuple[int, str]:
     """Return the mode and the property that a setting changes: the same for a frequency and its ratio."""
     number_, kind = mode_setting(name) or (0, "")
     return number_, _SAME_AS.get(kind, kind)

@@ -260,21 +260,15 @@ def in_paper_units(
     ParameterError
         Where a value is no positive number, is given twice, or ``z_0`` or ``v_unit`` is missing.
     """
-    out: dict[str, Any] = {}
-    known = dict(everything)
-    for name, quantity in SI.items():
-        if name not in si:
-            continue
+
+    def read(name: str, quantity: Quantity) -> tuple[str, Any]:
         number, unit = as_number(si[name]), f" in {quantity.unit}" if quantity.unit else ""
         where = f"{path}{name} = {si[name]!r}"
         if number is None or not _allowed(quantity, number):
             raise ParameterError(f"{where}: must be a number {_least(quantity)}{unit} ({quantity.doc})")
-        if (other := _other_way(name, given, si)) is not None:
-            raise ParameterError(f"{where}: {other} is given too; give one of them")
-        _check_needs(name, where, known)
-        out |= _split({quantity.same: quantity.convert(number, known)}) | _stopped(name, number, known)
-        known |= out
-    return out
+        return where, number
+
+    return _converted(si, given, everything, read, _split)
 
 
 def lanes_in_paper_units(
@@ -294,22 +288,52 @@ def lanes_in_paper_units(
     ParameterError
         As :func:`in_paper_units`.
     """
-    out = {name: values for name, values in lanes.items() if name not in SI}
-    plain, ways = dict.fromkeys(out, ""), dict.fromkeys(lanes, "")
-    known = {**everything, **out}
-    for name, quantity in SI.items():
-        if name not in lanes:
-            continue
+
+    def read(name: str, quantity: Quantity) -> tuple[str, Any]:
         values = np.asarray(lanes[name], np.float64)
         for i in np.flatnonzero(~_allowed(quantity, values))[:1]:
             right = f"must be a number {_least(quantity)} ({quantity.doc})"
             raise ParameterError(f"{path}{name}[{i}] = {float(values[i])!r}: {right}")
-        if (other := _other_way(name, plain, ways)) is not None:
-            raise ParameterError(f"{path}{name}: {other} is given too; give one of them")
-        _check_needs(name, f"{path}{name}", known)
-        columns = [_split({quantity.same: value}) for value in np.asarray(quantity.convert(values, known)).tolist()]
-        out |= {key: np.array([column[key] for column in columns], np.float64) for key in columns[0]}
-        out |= _stopped(name, values, known)
+        return f"{path}{name}", values
+
+    def split(values: dict[str, Any]) -> dict[str, Any]:
+        ((same, column),) = values.items()
+        rows = [_split({same: value}) for value in np.asarray(column).tolist()]
+        return {key: np.array([row[key] for row in rows], np.float64) for key in rows[0]}
+
+    plain = {name: values for name, values in lanes.items() if name not in SI}
+    ways = dict.fromkeys(lanes, "")
+    return plain | _converted(ways, dict.fromkeys(plain, ""), {**everything, **plain}, read, split)
+
+
+def _converted(
+    si: Mapping[str, Any],
+    given: Mapping[str, Any],
+    everything: Mapping[str, Any],
+    read: Callable[[str, Quantity], tuple[str, Any]],
+    split: Callable[[dict[str, Any]], dict[str, Any]],
+) -> dict[str, Any]:
+    """Return values in SI units as values of the paper's settings, those that others need first.
+
+    Parameters
+    ----------
+    si, given, everything : Mapping
+        As in :func:`in_paper_units`; where the values differ between cells, only the names of the first two count.
+    read : callable
+        Returns the checked value of a setting, and how an error names it.
+    split : callable
+        Takes a setting and its value; a bow position becomes two settings.
+    """
+    out: dict[str, Any] = {}
+    known = dict(everything)
+    for name, quantity in SI.items():
+        if name not in si:
+            continue
+        where, value = read(name, quantity)
+        if (other := _other_way(name, given, si)) is not None:
+            raise ParameterError(f"{where}: {other} is given too; give one of them")
+        _check_needs(name, where, known)
+        out |= split({quantity.same: quantity.convert(value, known)}) | _stopped(name, value, known)
         known |= out
     return out
 

@@ -239,7 +239,7 @@ def _two_motions(maps: Maps) -> Finding:
             periods = np.arange(len(real)) / Parameters().period
             axes.plot(periods, real, color=colour, lw=3, alpha=0.3, label=f"{name}: two motions")
             axes.plot(periods, linear, color=colour, lw=0.7, label="linearised")
-        axes.set(xlabel="periods", ylabel="change of bridge force / relative change of bow force")
+        axes.set(xlabel="periods", ylabel="d bridge force/d ln bow force")
         axes.legend(loc="upper right", ncols=2, fontsize=7)
 
     return Finding(words, tuple(points), draw)

@@ -158,7 +158,7 @@ def _draw_plane(plane: MapFile, lengths: NDArray[np.float64], edge: tuple[float,
     p = Sweep.from_spec("", plane.settings).parameters
     unit = p.v_unit * p.sample_rate / p.period  # m/s^2 of one v_b a period
     newton = p.y_t * p.z_0 * p.v_unit
-    for i, bound in enumerate(_bounds(p)):
+    for i, bound in enumerate(guettler_bounds(p) or ()):  # thermal friction has none
         axes.plot(
             plane.x,
             plane.x / unit / bound * newton,
@@ -169,7 +169,8 @@ def _draw_plane(plane: MapFile, lengths: NDArray[np.float64], edge: tuple[float,
         )
     if edge is not None:
         axes.plot(plane.x, edge[0] * plane.x + edge[1], color=ORANGE, lw=1.5, label="measured right edge")
-    axes.legend(loc="lower right")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right")
     axes.set(xlabel="acceleration, m/s²", ylabel="bow force, N", ylim=(plane.y[0], plane.y[-1]))
 
 

@@ -83,13 +83,20 @@ def _at(plane: MapFile, names: list[str], low: float, high: float) -> set[str]:
     return {name for f, name in zip(plane.x, names, strict=True) if low - 1e-9 <= f <= high + 1e-9}
 
 
+def _one_slip_from(plane: MapFile, names: list[str], high: float) -> float:
+    """Return the lowest force from which every cell up to a higher one has one slip a period; NaN for none."""
+    others = [f for f, name in zip(plane.x.tolist(), names, strict=True) if f <= high + 1e-9 and name != ONE_SLIP]
+    above = plane.x[(plane.x > max(others, default=0.0)) & (plane.x <= high + 1e-9)]
+    return float(above[0]) if len(above) else float("nan")
+
+
 @claim(
     "wolf-regimes",
     "the wolf of 1983: with the mode two slips a period at small force, a wolf at a greater one, then Helmholtz motion",
     "McIntyre, Schumacher, Woodhouse 1983, Fig 14; numbers: trial",
     "secondary",
     "without the mode one slip a period; with it two slips at f = 1.6, wolf from 2.0 to 4.0, Helmholtz from 4.6",
-    "every cell of the row there; without the mode, from 2.0 to 4.6",
+    "every cell of the row there, and one slip up to 5.0 from 4.6 +- 0.2 on; without the mode, from 2.0 to 4.6",
     "wolf",
 )
 def _wolf_regimes(maps: Maps) -> Finding:
@@ -99,7 +106,8 @@ def _wolf_regimes(maps: Maps) -> Finding:
         Point.true("without the mode one slip", _at(plane, plain, 2.0, 4.6) == {ONE_SLIP}),
         Point.true("two slips at 1.6", _at(plane, mode, 1.6, 1.6) == {TWO_SLIPS}),
         Point.true("wolf from 2.0 to 4.0", _at(plane, mode, 2.0, 4.0) == {WOLF}),
-        Point.true("one slip at 4.6", _at(plane, mode, 4.6, 4.7) == {ONE_SLIP}),
+        Point.true("one slip at 4.6", _at(plane, mode, 4.6, 4.6) == {ONE_SLIP}),
+        Point.about("one slip from", _one_slip_from(plane, mode, 5.0), 4.6, 0.2 + 1e-9),
     )
     wolves = _longest(plane.x, mode)
     words = f"wolf from {wolves.min():.1f} to {wolves.max():.1f}" if len(wolves) else "no wolf"

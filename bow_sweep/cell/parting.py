@@ -91,7 +91,7 @@ def onsets_of(bag: BagCells, block: int) -> list[Onsets]:
     DamagedCell
         Where a message is missing, or its checksum does not hold.
     """
-    chunks = [Pieces(*(np.asarray(slips[name]) for name in Pieces._fields)) for slips in _slips(bag, block)]
+    chunks = [Pieces(*(slips[name] for name in Pieces._fields)) for slips in _slips(bag, block)]
     whole = join(chunks, bag.outline.chunk_samples)
     ends = np.cumsum(np.bincount(whole.cell, minlength=bag.outline.planned.size(block)))
     return np.split(whole.start, ends[:-1])

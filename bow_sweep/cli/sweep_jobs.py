@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from bow_sim.protocol.identity import random_id
 from bow_sweep.plan.preset_files import Chosen, save
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.new_directory import SUPERVISOR, OwnedDirectory, create_directory, open_directory
-from bow_sweep.run.directory import CAMPAIGN, STUDY, RunError
+from bow_sweep.run.directory import CAMPAIGN, SEARCH, STUDY, RunError
 from bow_sweep.run.lock import take
 from bow_sweep.study.campaigns import campaign, campaigns, study_in
 from bow_sweep.study.plan import Study
@@ -117,6 +118,8 @@ def resume(directory: Path, lock: bool) -> Work:
     """
     if any((directory / name).exists() for name in (STUDY, CAMPAIGN)):
         return resume_study(directory, lock)
+    if (directory / SEARCH).exists():
+        raise RunError(f"{directory}: is a search; go on with bow optimise --resume {shlex.quote(str(directory))}")
     owned = open_directory(directory, lock)
     try:
         return Work(owned, None, unfinished(directory, lock))

@@ -31,6 +31,10 @@ MOST_AREAS = 30_000
 """Largest number of rectangles in a vector file; a map with more is an image in it."""
 
 
+UNDER = 0.12
+"""By how much of the next cell an area in a vector file reaches under it, unless it is told otherwise."""
+
+
 class Along:
     """Positions of the cells of an axis in a picture.
 
@@ -101,14 +105,15 @@ def places(plane: Plane) -> tuple[Along, Along]:
 class Cells(PcolorImage):
     """The cells of a map: an image in a .png, whose dots have the exact colours, and areas in .pdf and .svg."""
 
-    def __init__(self, ax: Axes, x: np.ndarray, y: np.ndarray, colours: np.ndarray) -> None:
+    def __init__(self, ax: Axes, x: np.ndarray, y: np.ndarray, colours: np.ndarray, under: float = UNDER) -> None:
         super().__init__(ax, x, y, colours)
+        self.under = under
         self.cells = colours, np.asarray(x, float), np.asarray(y, float)
 
     def draw(self, renderer: Any) -> None:
         """Draw the cells."""
         if renderer.option_scale_image():  # a renderer of lines and areas
-            areas = areas_of(*self.cells)
+            areas = areas_of(*self.cells, self.under)
             if len(areas) <= MOST_AREAS:
                 self._draw_areas(renderer, areas)
                 return
@@ -130,7 +135,9 @@ class Cells(PcolorImage):
 _CODES = np.array([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], Path.code_type)
 
 
-def areas_of(colours: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[tuple[tuple[float, float, float], np.ndarray]]:
+def areas_of(
+    colours: np.ndarray, x: np.ndarray, y: np.ndarray, under: float = UNDER
+) -> list[tuple[tuple[float, float, float], np.ndarray]]:
     """Return a map as rectangles: colour in shares of 1, and corners, (5, 2). Neighbours in a row are one rectangle.
 
     They are to be drawn in this order, as each reaches under those to its right and above it: viewers leave light lines
@@ -142,13 +149,15 @@ def areas_of(colours: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[tuple[tu
         (ny, nx, 3) uint8.
     x, y
         (nx + 1,) and (ny + 1,) edges of the cells.
+    under
+        By how much of the next cell an area reaches under it.
     """
     codes = colours.astype(np.int64) @ np.array([65536, 256, 1])
     differ = codes[:, 1:] != codes[:, :-1]
     beside = np.ones((len(codes), 1), bool)
     iy, first = np.nonzero(np.hstack([beside, differ]))
     last = np.nonzero(np.hstack([differ, beside]))[1] + 1
-    wider, higher = (np.append(edges[:-1] + np.diff(edges) / 2, edges[-1]) for edges in (x, y))
+    wider, higher = (np.append(edges[:-1] + under * np.diff(edges), edges[-1]) for edges in (x, y))
     left, right, low, high = x[first], wider[last], y[iy], higher[iy + 1]
     corners = np.stack([left, low, right, low, right, high, left, high, left, low], axis=1).reshape(-1, 5, 2)
     shares = (colours[iy, first] / 255).tolist()

@@ -87,7 +87,7 @@ class Sheet:
         beside = max((self.size(name, SMALL)[0] for name, _, _ in names), default=0.0)
         long = width - (beside + 0.42 * f if names else 0.0)
         bar = self.axes(left, top, long, BAR * f)
-        bar.add_image(Cells(bar, np.linspace(*found.ends, len(found.bar) + 1), np.arange(2), found.bar[None]))
+        bar.add_image(Cells(bar, np.linspace(*found.ends, len(found.bar) + 1), np.arange(2), found.bar[None], 4.0))
         bar.set(xlim=found.ends, ylim=(0, 1), yticks=[])
         bar.xaxis.set_major_locator(MaxNLocator(5 if long > 1.2 * f else 3))
         bar.tick_params(labelsize=SMALL * f, length=2 * f, pad=1.5 * f, width=0.6 * f)

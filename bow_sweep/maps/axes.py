@@ -1,7 +1,8 @@
 """An axis of a map in a picture: positions of cells and ticks, and its title.
 
-All cells of a picture have the same size. Where the values have neither equal steps nor equal ratios, as those of
-``x.values``, the ticks are the values themselves, and a position between two cells is interpolated between theirs.
+Positions are in cells, all of one size; :mod:`bow_sweep.figures.panel` draws uneven ones otherwise. Where the values
+have neither equal steps nor equal ratios, as those of ``x.values``, the ticks are the values themselves, and a position
+between two cells is interpolated between theirs.
 """
 
 from __future__ import annotations

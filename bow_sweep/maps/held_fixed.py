@@ -42,7 +42,7 @@ ALSO_MOVES = {"bow_acceleration": {"sample_rate"}, "v_0": {"v_b"}, "bow_distance
 SYSTEM = {"y_t", "z_0", "v_unit"}
 """The settings that tie the paper's units to SI units."""
 
-UNITS = {"f_asym": "v_b/Y_T", "f_init_ratio": "", "v_b": "", "y_t": ""}
+UNITS = {"f_asym": "2 Z_0 v_b", "f_init_ratio": "", "v_b": "", "y_t": ""}
 """Units where those of the parameters would be no help: v_b and y_t are numbers by definition of the units."""
 
 PLAIN = {**PLAIN_SYMBOLS, "y_t": "Y_T", "bow_bridge": "beta"}
@@ -121,7 +121,7 @@ def _held(name: str, given: dict[str, str], beside: str) -> Held:
 
 
 def beside(name: str, value: float, values: Mapping[str, Any]) -> str:
-    """Return a value in the other system of units, as "0.31 N" or "f_asym 4.4 v_b/Y_T"; "" where there is none.
+    """Return a value in the other system of units, as "0.31 N" or "f_asym 4.4 2 Z_0 v_b"; "" where there is none.
 
     Parameters
     ----------

@@ -59,7 +59,15 @@ def test_what_is_perhaps_not_meant_is_a_warning() -> None:
 def test_any_parameter_is_an_axis(axis: object) -> None:
     m = bow.sweep("fig11d", x=axis, ny=2, periods=5, progress=False)  # type: ignore[arg-type]
     assert m.axes[0].name == "bridge_r"
-    assert m.x.tolist() == [5.0, 52.5, 100.0]
+    assert m.x.tolist() == pytest.approx([5.0, 500**0.5, 100.0])  # logarithmic, as `bow settings` says of it
+
+
+def test_an_axis_is_a_name_or_a_name_with_its_values() -> None:
+    m = bow.sweep("fig11d", x=("model", ["stiff_cremer", "raman"]), y="bow_bridge", ny=2, periods=5, progress=False)
+    assert (m.shape, m.ds.model.values.tolist()) == ((2, 2), ["raman", "stiff_cremer"])
+    assert m.cell(model="raman", bow_bridge=5).at == {"model": "raman", "bow_bridge": 5.0}
+    n = bow.sweep("fig11d", x=("mu_s", np.array([0.5, 0.6, 1.2])), y=("mu_d", [0.1]), periods=5, progress=False)
+    assert (n.x.tolist(), n.axes[0].scale) == ([0.5, 0.6, 1.2], "values")
 
 
 @pytest.mark.parametrize(
@@ -68,7 +76,8 @@ def test_any_parameter_is_an_axis(axis: object) -> None:
         ({"preset": "fig99"}, "preset 'fig99': no such preset"),
         ({"periods": 7}, "periods = 7: must be a multiple of 5"),
         ({"musik": 1}, "musik = '1': unknown parameter"),
-        ({"x": ("bridge_r", 5)}, r"x = \('bridge_r', 5\): should be \(name, first, last"),
+        ({"x": ("bridge_r", 500)}, r"x\.first = 500: the usual axis of bridge_r is 5 \.\.\. 200; give x\.last too"),
+        ({"x": 5}, r"x = 5: should be a name, \(name, \[value, \.\.\.\]\) or \(name, first, last"),
         ({"mu_s": True}, "mu_s = True: must be a number"),
         ({"nx": 0}, "x.count = 0"),
     ],

@@ -22,7 +22,7 @@ def test_a_dataset_names_axes_units_regimes_and_settings(run: Path) -> None:
     ds = m.ds
     assert dict(ds.sizes) == {"f_init_ratio": 3, "f_asym": 4, "test": 4}
     assert ds.test.values.tolist() == [5, 10, 15, 20]
-    assert ds.f_asym.attrs["units"] == "v_b/Y_T"
+    assert ds.f_asym.attrs["units"] == "2 Z_0 v_b"
     assert ds.f_asym.attrs["long_name"] == "asymptotic bow force"
     assert ds.transient_periods.attrs["units"] == "periods"
     names = ds.regime.attrs["flag_meanings"].split()

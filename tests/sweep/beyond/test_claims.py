@@ -46,7 +46,17 @@ def test_a_body_that_gives_energy_is_found_out(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    "key", ["off", "steady-sliding", "thermal-violin", "guettler-ideal", "exponent-sliding", "exponent-motion"]
+    "key",
+    [
+        "off",
+        "steady-sliding",
+        "thermal-violin",
+        "thermal-double-slip",
+        "guettler-ideal",
+        "linearised",
+        "exponent-sliding",
+        "exponent-motion",
+    ],
 )
 def test_claims_about_strings_have_the_verdict_that_the_documentation_gives(key: str, root: Path) -> None:
     (line,) = (line for line in (root / "docs/validation.md").read_text().splitlines() if BY_KEY[key].claim in line)
@@ -90,6 +100,12 @@ def test_a_claim_over_a_map_is_met_by_the_map_it_describes_and_missed_by_others(
     assert verdict("mode-at-f0", {"mode_at_f_0": mode_at_f_0(2.0, 2.0)}) == MISSED
     assert verdict("mode-at-f0", {"mode_at_f_0": painted("mode_at_f_0", np.full((2, 17), SLIP))}) == MISSED
     assert verdict("mode-at-f0") == NEEDS_RUNS
+
+
+def test_guettlers_plane_of_warm_rosin_is_drawn_without_his_bounds(tmp_path: Path) -> None:
+    maps = {name: painted(name, np.full((16, 16), HELMHOLTZ)) for name in ("guettler_rigid", "guettler_thermal")}
+    check(maps, tmp_path, ["guettler-thermal"], small=True)
+    assert (tmp_path / "figures/guettler-thermal.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_every_claim_has_a_name_of_its_own_and_its_sweeps_can_be_run() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from bow_sweep.cli.sweep_jobs import begin_study, resume, resume_study
 from bow_sweep.coordinator.resume import Prepared
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.run.directory import STUDY, RunError
+from bow_sweep.run.directory import SEARCH, STUDY, RunError
 from bow_sweep.study.over import over_of
 from bow_sweep.study.plan import Study
 
@@ -66,6 +66,12 @@ def test_a_run_of_other_settings_in_a_study_is_refused_by_name(tmp_path, monkeyp
     monkeypatch.setattr("bow_sweep.coordinator.resume.prepare", lambda run, *_: prepared(run)._replace(sweep=other))
     with pytest.raises(RunError, match=r"0_mu_s=0.8_v_mid=-2.*other settings"):
         resume(directory, lock=True)
+
+
+def test_the_directory_of_a_search_says_which_command_goes_on_with_it(tmp_path):
+    (tmp_path / SEARCH).touch()
+    with pytest.raises(RunError, match=f"bow optimise --resume {tmp_path}"):
+        resume(tmp_path, lock=True)
 
 
 def test_the_directory_of_a_study_is_not_taken_for_another(tmp_path):

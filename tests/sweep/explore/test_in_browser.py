@@ -131,7 +131,7 @@ def test_hovering_names_the_parameters_of_a_cell(one: Tab, first_run: Path) -> N
     tip = tab.page.locator(".bk-tooltip-content")
     tip.wait_for()
     said = " ".join(tip.inner_text().split())
-    assert f"f_asym: {plane.x[5]:.4g} v_b/Y_T" in said
+    assert f"f_asym: {plane.x[5]:.4g} 2 Z_0 v_b" in said
     assert f"f_init / f_asym: {plane.y[1]:.4g}" in said
     for word in ("regime:", "confidence:", "transient:", "correlation, slips, corners:", "terrain:"):
         assert word in said

@@ -52,14 +52,14 @@ def test_the_settings_of_each_gesture_are_named(preset, wanted):
 def test_what_differs_from_its_default_is_named_with_its_unit():
     said = lines(plane_of("fig11d", "bridge_r=63.5", "x.name=v_mid", "x.first=-1", "x.last=0.5", "x.scale=linear"))
     assert "bridge_r = 63.5 1/y_t" in said
-    assert "f_asym = 5.5 v_b/Y_T" in said
+    assert "f_asym = 5.5 2 Z_0 v_b" in said
     assert not [line for line in said if line.startswith("v_mid")]
 
 
 def test_an_axis_in_si_units_takes_the_place_of_the_papers_parameter():
     plane = plane_of("fig11d", "string=violin_a", "v_unit=0.1", "x.name=force", "x.first=0.2", "x.last=4")
     assert not [line for line in lines(plane) if line.startswith("f_asym")]
-    assert cell_names(plane)[0].startswith("force 0.2 N (f_asym 4.926 v_b/Y_T), ")
+    assert cell_names(plane)[0].startswith("force 0.2 N (f_asym 4.926 2 Z_0 v_b), ")
 
 
 @pytest.mark.parametrize("preset", sorted(presets()))
@@ -72,8 +72,8 @@ def test_no_axis_is_held_fixed_and_no_line_is_too_long(preset):
 def test_a_cell_is_named_by_its_parameters_with_units():
     plane = plane_of("fig11d")
     names = cell_names(plane)
-    assert names[0] == "f_asym 0.5 v_b/Y_T, f_init/f_asym 0"
-    assert names[-1] == "f_asym 20 v_b/Y_T, f_init/f_asym 2"
+    assert names[0] == "f_asym 0.5 2 Z_0 v_b, f_init/f_asym 0"
+    assert names[-1] == "f_asym 20 2 Z_0 v_b, f_init/f_asym 2"
     assert [cell_name(plane, cell) for cell in range(len(names))] == names
 
 
@@ -84,7 +84,7 @@ def test_a_map_without_settings_has_a_caption_of_its_length():
 @pytest.mark.parametrize(
     ("preset", "words"),
     [
-        ("schelleng_cello", "beta 0.02 (14 mm), force 0.08 N (f_asym 0.3777 v_b/Y_T)"),
+        ("schelleng_cello", "beta 0.02 (14 mm), force 0.08 N (f_asym 0.3777 2 Z_0 v_b)"),
         ("guettler_cello", "bow_acceleration 0.15 m/s^2 (acceleration 0.01531 v_b/period), force 0.1 N (f_asym 0.4476"),
         ("playability", "semitone 0 semitones (196 Hz), force 0.01 N"),
     ],

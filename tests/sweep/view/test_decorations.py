@@ -164,7 +164,7 @@ def test_inspected_cells_keep_their_rows():
     assert [scope.admit(cell) for cell in (20, 3, 20)] == [True, True, True]
     first, second = (scope.trace(snapshot(), cell, force) for cell in (20, 3))
     assert (first.number, second.number) == (1, 2)
-    assert first.label == "cell 20: f_asym 4.116 v_b/Y_T, f_init/f_asym 1.333"
+    assert first.label == "cell 20: f_asym 4.116 2 Z_0 v_b, f_init/f_asym 1.333"
     x, y = (4.5 * 16, 24.0)  # ix = 4, iy = 2: eight columns and four rows of 16 units
     assert first.place[0] == x
     assert first.frame[:4].mean(axis=0) == pytest.approx((x, y))

@@ -72,8 +72,8 @@ def test_the_mouse_finds_the_parameters_of_each_cell(path):
     shown.finish()
     for place in ("map", "regime", "tests/slips", "terrain"):
         names = rows(path, f"{place}/cells", "cell")[-1][1]
-        assert names[0] == "f_asym 0.5 v_b/Y_T, f_init/f_asym 0"
-        assert names[31] == "f_asym 20 v_b/Y_T, f_init/f_asym 2"
+        assert names[0] == "f_asym 0.5 2 Z_0 v_b, f_init/f_asym 0"
+        assert names[31] == "f_asym 20 2 Z_0 v_b, f_init/f_asym 2"
         (strips,) = (value for _, value in rows(path, f"{place}/cells", "LineStrips2D:strips"))
         assert len(strips) == 32
         (left, upper), (right, lower) = strips[8]  # the first cell of the second row of four
@@ -154,7 +154,7 @@ def test_every_test_is_on_a_timeline_of_its_own(path):
     assert [value[1] for _, value in counts] == [0, *(int(layer.sum()) for layer in result.helmholtz)]
     bars = rows(path, "lengths", "BarChart:values")
     assert {when["test"] for when, _ in bars} == {0, *range(5, 105, 5)}
-    assert rows(path, "map/cells", "cell")[-1][1][0] == "f_asym 0.5 v_b/Y_T, f_init/f_asym 0; confidence 0.88"
+    assert rows(path, "map/cells", "cell")[-1][1][0] == "f_asym 0.5 2 Z_0 v_b, f_init/f_asym 0; confidence 0.88"
 
 
 def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
