@@ -131,12 +131,19 @@ class Graph:
         """As :meth:`sweep`, to be awaited. Several at once run one after the other; a cancelled one is resumable."""
         plan = planned(preset, nx=nx, ny=ny, x=x, y=y, settings=settings, parameters=parameters)
         cancelled = threading.Event()
-        running = asyncio.ensure_future(asyncio.to_thread(self._run, plan, preset, out, progress, cancelled.is_set))
+
+        def run() -> Map:
+            try:
+                return self._run(plan, preset, out, progress, cancelled.is_set)
+            except KeyboardInterrupt:  # asyncio would end the whole loop with it
+                raise GraphError("the sweep was cancelled; it can be resumed") from None
+
+        running = asyncio.ensure_future(asyncio.to_thread(run))
         try:
             return await asyncio.shield(running)
         except asyncio.CancelledError:
             cancelled.set()
-            with contextlib.suppress(KeyboardInterrupt, Exception):
+            with contextlib.suppress(Exception):
                 await running
             raise
 
