@@ -64,7 +64,7 @@ def test_the_first_set_up_makes_everything(env: ModuleType) -> None:
     env.sync(None, tests=False)
     made, _ = env.commands
     assert made[1:3] == ["-m", "venv"]
-    assert installed(env) == ["./msg_defs", "ros-jazzy-rclpy==7.1.6", "--editable", ".[explore,data]"]
+    assert installed(env) == ["./msg_defs", "ros-jazzy-rclpy==7.1.6", "--editable", ".[explore,data,optimise]"]
 
 
 def test_the_second_set_up_does_nothing(env: ModuleType) -> None:

@@ -298,7 +298,7 @@ def sync(uv, tests):
         if "bow_msgs" in due:
             arguments += ["./msg_defs"] + (["--reinstall-package", "bow_msgs"] if uv else [])
         if "bow" in due or "test tools" in due:
-            arguments += [*requirements(), "--editable", ".[explore,data]"]
+            arguments += [*requirements(), "--editable", ".[explore,data,optimise]"]
         if "test tools" in due:
             arguments += ["--requirement", "requirements-dev.txt"]
         install(uv, arguments, "installing " + ", ".join(due))

@@ -96,7 +96,7 @@ def _one_slip_from(plane: MapFile, names: list[str], high: float) -> float:
     "McIntyre, Schumacher, Woodhouse 1983, Fig 14; numbers: trial",
     "secondary",
     "without the mode one slip a period; with it two slips at f = 1.6, wolf from 2.0 to 4.0, Helmholtz from 4.6",
-    "every cell of the row there, and one slip up to 5.0 from 4.6 +- 0.2 on; without the mode, from 2.0 to 4.6",
+    "every cell of the row there, and one slip up to 5.0 from 4.6 +- 0.1 on; without the mode, from 2.0 to 4.6",
     "wolf",
 )
 def _wolf_regimes(maps: Maps) -> Finding:
@@ -107,7 +107,7 @@ def _wolf_regimes(maps: Maps) -> Finding:
         Point.true("two slips at 1.6", _at(plane, mode, 1.6, 1.6) == {TWO_SLIPS}),
         Point.true("wolf from 2.0 to 4.0", _at(plane, mode, 2.0, 4.0) == {WOLF}),
         Point.true("one slip at 4.6", _at(plane, mode, 4.6, 4.6) == {ONE_SLIP}),
-        Point.about("one slip from", _one_slip_from(plane, mode, 5.0), 4.6, 0.2 + 1e-9),
+        Point.about("one slip from", _one_slip_from(plane, mode, 5.0), 4.6, 0.1 + 1e-9),
     )
     wolves = _longest(plane.x, mode)
     words = f"wolf from {wolves.min():.1f} to {wolves.max():.1f}" if len(wolves) else "no wolf"

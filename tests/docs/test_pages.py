@@ -18,7 +18,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 CODE = re.compile(r"`([^`\n]+)`")
 FILE = re.compile(r"[a-z][\w./-]*\.(?:py|msg|action|yaml|xml|toml|txt|csv|dot|sh|cfg)")
 MODULE = re.compile(rf"(?<![\w/])(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
-LEFT_BY_RUNS = {"metadata.yaml", "mine.txt", "bench.json", "bow.missing", "bow.record", "bow.version"}
+LEFT_BY_RUNS = {"metadata.yaml", "mine.txt", "study.yaml", "bench.json", "bow.missing", "bow.record", "bow.version"}
 """Files that a command writes, and records in a bag: they are not in the repository."""
 
 
