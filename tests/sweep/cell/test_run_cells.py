@@ -108,7 +108,7 @@ def test_another_kernel_is_named_and_never_taken_for_the_runs(whole: Path) -> No
     with RunCells(whole) as cells:
         record = cells.record(7)
     assert record.checked is None
-    assert "the run's kernel is another one: source-0000" in record.why
+    assert "the run's kernel is another one, by the sources of bow: source-0000" in record.why
     for name in ("report.json", "ledger.jsonl"):
         (whole / name).unlink()
     with RunCells(whole) as cells:
@@ -276,7 +276,9 @@ def test_a_run_of_an_older_version_is_read(root: Path) -> None:
         record = cells.record(1)
         assert (record.source, record.checked) == ("bag", True)
         again = cells.record(1, "computed")
-        assert (again.source, again.differs_from(record)) == ("computed", None)
+        assert again.source == "computed"
+        first = slice(0, 5 * 139)  # its tables had other last bits, which grow later
+        assert again.bridge_force[first] == pytest.approx(record.bridge_force[first], abs=1e-6)
 
 
 def test_a_bag_of_a_later_version_is_refused_by_name(complete: Path, monkeypatch: pytest.MonkeyPatch) -> None:
