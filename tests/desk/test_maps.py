@@ -204,7 +204,7 @@ def test_a_sound_is_played_and_saved(computed: bow.Map, tmp_path: Path) -> None:
 def test_every_layer_has_a_picture_of_the_asked_width(computed: bow.Map, layer: str) -> None:
     figure = computed.plot(layer, width_mm=86).figure
     assert figure.get_size_inches()[0] * 25.4 == pytest.approx(86)
-    assert figure.axes[0].get_xlabel() == r"$f_\mathrm{asym}$  ($v_b$/$Y_T$)"
+    assert figure.axes[0].get_xlabel() == r"asymptotic bow force $f_\mathrm{asym}$ ($2 Z_0 v_b$)"
 
 
 def test_a_picture_is_saved_with_its_fonts_and_shown(computed: bow.Map, tmp_path: Path) -> None:
@@ -222,7 +222,7 @@ def test_a_picture_that_cannot_be_says_why(computed: bow.Map) -> None:
         computed.plot("slips", periods=7)
     with pytest.raises(ValueError, match="leave it out"):
         computed.plot("transient", periods=5)
-    with pytest.raises(ValueError, match="width_mm = 3: should be"):
+    with pytest.raises(ValueError, match="width = 3 mm: should be"):
         computed.plot(width_mm=3)
 
 

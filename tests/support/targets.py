@@ -26,6 +26,7 @@ from bow_classifier.task import Task
 from bow_sim import simulator_events
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
+from bow_sim.physics.kinds import common
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import MAX_BLOCK_CELLS, MAX_CELLS, MAX_VERDICTS
 from bow_sim.protocol.neighbours import Neighbours
@@ -120,7 +121,7 @@ class Targets:
         assert again.settings() == sweep.settings()
         assert len(sweep.block(sweep.blocks - 1)) <= MAX_BLOCK_CELLS
         if chance.random() < 0.05 and sweep.cells <= 1 << 16:
-            Block(sweep.parameters, sweep.lanes(sweep.block(0)))
+            Block(*common(sweep.parameters, sweep.lanes(sweep.block(0)))[:2])
 
     def plan(self, chance: Chance) -> None:
         """A plan is taken where it fits the bounds, or refused."""
