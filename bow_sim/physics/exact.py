@@ -7,6 +7,7 @@ the processors that they find. What a waveform depends on is computed here, by M
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import gmpy2
@@ -18,6 +19,9 @@ _DOUBLE = gmpy2.context(precision=53, emin=-1073, emax=1024, subnormalize=True)
 
 _LONG = gmpy2.context(precision=200)
 """For results of several operations, which are rounded once at the end."""
+
+_GREAT = 1e290
+"""Products of numbers up to this one are made of halves."""
 
 
 def exp(x: float) -> float:
@@ -42,11 +46,45 @@ def turn(x: float) -> tuple[float, float]:
 
 
 def geometric(first: float, last: float, count: int) -> NDArray[np.float64]:
-    """Return numbers from first to last, both > 0, each the same multiple of the one before; shape (count,)."""
+    """Return numbers from first to last, both > 0, each the same multiple of the one before; shape (count,).
+
+    Each is a product of two numbers of 106 bits, rounded once: so few exponentials do for millions of numbers.
+    """
     start = _LONG.log(first)
-    length = _LONG.sub(_LONG.log(last), start)
-    logs = (_LONG.add(start, _LONG.div(_LONG.mul(length, k), count - 1)) for k in range(1, count - 1))
-    return np.array([first, *(float(_LONG.exp(x)) for x in logs), last][:count], np.float64)
+    step = _LONG.div(_LONG.sub(_LONG.log(last), start), max(count - 1, 1))
+    if max(first, last) > _GREAT or min(first, last) < 1 / _GREAT:  # products of halves are no numbers then
+        values = np.array([float(_LONG.exp(_LONG.add(start, _LONG.mul(step, k)))) for k in range(count)])
+    else:
+        size = math.isqrt(count) + 1
+        coarse = _pairs(_LONG.exp(_LONG.add(start, _LONG.mul(step, size * k))) for k in range(size))
+        fine = _pairs(_LONG.exp(_LONG.mul(step, k)) for k in range(size))
+        with np.errstate(all="ignore"):  # beyond the last one
+            values = _product(coarse[:, :, None], fine[:, None, :]).ravel()[:count]
+    values[0] = first
+    if count > 1:
+        values[-1] = last
+    return values
+
+
+def _pairs(numbers: Iterable[Any]) -> NDArray[np.float64]:
+    """Return numbers as sums of a float64 and a small one, shape (2, numbers)."""
+    high_low = [(high := float(x), float(_LONG.sub(x, high))) for x in numbers]
+    return np.array(high_low).T
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the products of pairs, each rounded once, by Dekker's method (1971)."""
+    (a_1, a_2), (b_1, b_2) = _halves(a[0]), _halves(b[0])
+    near = a[0] * b[0]
+    error = ((a_1 * b_1 - near) + a_1 * b_2 + a_2 * b_1) + a_2 * b_2
+    return np.asarray(near + (error + (a[0] * b[1] + a[1] * b[0])))
+
+
+def _halves(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return numbers as sums of two whose products are exact."""
+    far = x * 134217729.0  # 2**27 + 1
+    upper = far - (far - x)
+    return upper, x - upper
 
 
 def inverse_real_fft(real: NDArray[np.float64], imag: NDArray[np.float64]) -> NDArray[np.float64]:

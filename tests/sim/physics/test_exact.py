@@ -41,6 +41,22 @@ def test_geometric_is_that_of_numpy_with_exact_ends(first: float, last: float, c
     assert count == 1 or found[-1] == last
 
 
+@pytest.mark.parametrize(
+    ("first", "last", "count"), [(0.5, 20, 128), (20, 0.5, 65), (1e-280, 1e280, 999), (5e-324, 1, 9), (1, 1.7e308, 9)]
+)
+def test_geometric_is_rounded_once(first: float, last: float, count: int) -> None:
+    with localcontext() as context:
+        context.prec = 60
+        start, end = Decimal(first).ln(), Decimal(last).ln()
+        inner = [float((start + (end - start) * k / (count - 1)).exp()) for k in range(1, count - 1)]
+    assert exact.geometric(first, last, count).tolist() == [first, *inner, last]
+
+
+def test_an_axis_of_millions_takes_no_time() -> None:
+    found = exact.geometric(0.5, 20, 1 << 22)
+    assert (np.diff(found) > 0).all()
+
+
 @pytest.mark.parametrize("size", [2, 4, 8, 4096])
 def test_the_inverse_transform_is_that_of_numpy(size: int) -> None:
     spectrum = np.fft.rfft(np.random.default_rng(size).standard_normal(size))
