@@ -20,7 +20,8 @@ myst_heading_anchors = 3
 
 # Docstrings: numpydoc; `name` is code.
 default_role = "code"
-autodoc_default_options = {"members": True, "member-order": "bysource"}
+# `set` of Matplotlib's artists has a docstring for Matplotlib's own pages.
+autodoc_default_options = {"members": True, "member-order": "bysource", "exclude-members": "set"}
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"ArrayLike": "ArrayLike"}
 autodoc_preserve_defaults = True

@@ -8,6 +8,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -26,8 +27,8 @@ def own_domain() -> Iterator[int]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
                 continue
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("ROS_DOMAIN_ID", str(domain))
+            # All variables are set back: a graph in this process leaves those of its middleware.
+            with mock.patch.dict(os.environ, {"ROS_DOMAIN_ID": str(domain)}):
                 yield domain
             return
     pytest.fail(f"all {len(DOMAINS)} DDS domains are in use, says {folder}")
