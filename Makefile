@@ -46,7 +46,7 @@ lint: setup-tests
 types: setup-tests
 	$(VENV)/mypy
 
-# Tests that only compute run two at a time, and so do those that mostly wait. With ARGS there may be none of a kind (5).
+# Tests that only compute run two at a time. With ARGS there may be none of a kind (5).
 PYTEST := $(VENV)/python -m pytest
 NONE := $(if $(ARGS),|| test $$? = 5)
 
@@ -56,8 +56,7 @@ test-fast: lint types
 
 # The fast tier first, so that what is simply broken shows in a minute.
 test: test-fast
-	$(PYTEST) -m "waits and full" --numprocesses 3 --dist worksteal $(ARGS) $(NONE)
-	$(PYTEST) -m "full and not waits" $(ARGS) $(NONE)
+	$(PYTEST) -m full $(ARGS) $(NONE)
 
 bench: setup-tests
 	$(VENV)/python -m bench $(ARGS)
