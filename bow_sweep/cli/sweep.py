@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 import shlex
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -252,6 +253,7 @@ def run_jobs(
                 if graph is not None:
                     directory, resume = job.directory, job.resume
                     graph.run(job.sweep, directory, job.run_id, progress=show, resume=resume, dashboard=shown)
+                    left_out += _newly_left_out(graph, owned.directory, left_out, display)
                 else:
                     left_out += run_graph(
                         job.directory,
@@ -280,6 +282,23 @@ def run_jobs(
     display.stop()
     owned.release(*runs)
     return DONE
+
+
+def _newly_left_out(graph: Graph, directory: Path, known: list[Path], display: Display) -> list[Path]:
+    """Say which nodes a graph goes on without, and return their logs, copied to where the runs are."""
+    from bow_sweep.processes.run_graph import LOGS
+    from bow_sweep.standing.state import left_out
+
+    logs = []
+    for name, (why, log) in left_out(graph.folder).items():
+        kept = directory / LOGS / log.name
+        if kept not in known:
+            kept.parent.mkdir(exist_ok=True)
+            with contextlib.suppress(OSError):  # the graph has ended, or the disk is full
+                shutil.copyfile(log, kept)
+            display.print_line(f"the sweep goes on without {name} ({why}); see {kept}")
+            logs.append(kept)
+    return logs
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ import select
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,18 @@ from bow_sweep.processes.supervisor import GraphError, Supervisor
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.lock import take
 from bow_sweep.run.places import remove_places
-from bow_sweep.standing.state import FILE, LOGS, MAIN_LOG, PLACES, State, boot, make_folder, sources
+from bow_sweep.standing.state import (
+    FILE,
+    LEFT_OUT,
+    LOGS,
+    MAIN_LOG,
+    PLACES,
+    State,
+    boot,
+    make_folder,
+    note_left_out,
+    sources,
+)
 
 ROLE = "graph"
 """Of the lock in the folder: held as long as the graph is there."""
@@ -84,6 +96,7 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
     }
     remove_places(folder / PLACES)
     (folder / FILE).unlink(missing_ok=True)
+    (folder / LEFT_OUT).unlink(missing_ok=True)
     _remove_logs(folder / LOGS)
     supervisor = Supervisor(namespace, folder / LOGS, parameters)
     state = State(
@@ -119,7 +132,8 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
                 replace(state, since=time.time()).write(folder)
                 print_line(f"the graph is ready, in {namespace} of domain {state.domain}")
 
-            watch(supervisor, print_line, interrupts, ready, _has_lost_its_owner if options["owned"] else lambda: False)
+            is_over = _has_lost_its_owner if options["owned"] else lambda: False
+            watch(supervisor, print_line, interrupts, ready, partial(note_left_out, folder), is_over)
         finally:
             (folder / FILE).unlink(missing_ok=True)  # at once: nobody begins a run any more
             killed = supervisor.stop(idle=False)

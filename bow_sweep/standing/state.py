@@ -20,6 +20,9 @@ from bow_sweep.processes.supervisor import GraphError
 FILE = "graph.json"
 """The state file: there as long as the graph is, and longer only where it could not be removed (a power cut)."""
 
+LEFT_OUT = "left_out.json"
+"""The nodes that the graph goes on without: name -> reason and log; there only if there are some."""
+
 LOGS, PLACES, TURNS = "log", "places", "turns"
 """Folders in it: logs, notes of runs (:mod:`bow_sweep.run.places`), tickets (:mod:`bow_sweep.standing.turns`)."""
 
@@ -71,6 +74,22 @@ class State:
         """Write the state file."""
         with replacing(folder / FILE) as file:
             file.write(json.dumps(asdict(self), indent=2).encode() + b"\n")
+
+
+def note_left_out(folder: Path, name: str, why: str, log: Path) -> None:
+    """Write down a node that the graph goes on without."""
+    found = {other: (reason, str(path)) for other, (reason, path) in left_out(folder).items()}
+    with replacing(folder / LEFT_OUT) as file:
+        file.write(json.dumps({**found, name: (why, str(log))}).encode() + b"\n")
+
+
+def left_out(folder: Path) -> dict[str, tuple[str, Path]]:
+    """Return the nodes that the graph goes on without: name -> reason and log."""
+    try:
+        content = json.loads((folder / LEFT_OUT).read_bytes())
+        return {str(name): (str(why), Path(log)) for name, (why, log) in content.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
 
 
 def default_folder() -> Path:

@@ -6,6 +6,7 @@ import gc
 import time
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 
 from bow_msgs.msg import Health
 
@@ -42,6 +43,7 @@ def watch(
     print_line: Callable[[str], None],
     interrupts: Interrupts,
     when_ready: Callable[[], None],
+    when_left_out: Callable[[str, str, Path], None],
     is_over: Callable[[], bool],
 ) -> None:
     """Watch a graph until it is over.
@@ -52,6 +54,8 @@ def watch(
         Takes a line for the log.
     when_ready
         Called once, when all nodes that runs need have been heard.
+    when_left_out
+        Called with name, reason and log of a node that the graph goes on without.
     is_over
         Returns whether the graph is not needed any more.
 
@@ -67,7 +71,7 @@ def watch(
     connection = Connection(supervisor.namespace, NO_RUN, StandingNode)
     try:
         connection.join()
-        _watch(supervisor, connection, print_line, interrupts, when_ready, is_over)
+        _watch(supervisor, connection, print_line, interrupts, when_ready, when_left_out, is_over)
     finally:
         connection.leave()
         del connection
@@ -81,6 +85,7 @@ def _watch(
     print_line: Callable[[str], None],
     interrupts: Interrupts,
     when_ready: Callable[[], None],
+    when_left_out: Callable[[str, str, Path], None],
     is_over: Callable[[], bool],
 ) -> None:
     restarts: Counter[str] = Counter()
@@ -100,6 +105,7 @@ def _watch(
             child.worked = child.process.pid in seen.watchdog.worked
             if why := supervisor.why_left_out(exit_):
                 print_line(f"the graph goes on without {child.name} ({why}); see {child.log}")
+                when_left_out(child.name, why, child.log)
                 continue
             print_line(f"{child.name} ended ({exit_.cause}), starting it again; see {child.log}")
             supervisor.restart(exit_)

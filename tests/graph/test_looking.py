@@ -158,7 +158,7 @@ def test_a_dashboard_that_hangs_delays_the_end_by_a_limit_that_is_printed(tmp_pa
 def test_a_campaign_reports_a_dashboard_that_cannot_run_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shadowed(tmp_path / "shadow", "rerun", monkeypatch)
     run = tmp_path / "run"
-    with sweeping(run, "fig11", "--nx", "4", "--ny", "2", "--periods", "20", "--out", str(run)) as sweep:
+    with sweeping(run, "fig11", "--nx", "32", "--ny", "16", "--periods", "50", "--out", str(run)) as sweep:
         assert sweep.wait() == 0, sweep.text
     assert sweep.text.count("the sweep goes on without dashboard") == 1
     assert sweep.text.count("without dashboard to its end") == 1

@@ -16,7 +16,17 @@ from bow_sim.graph.process_stat import start_of
 from bow_sweep.processes.supervisor import GraphError
 from bow_sweep.standing import state as module
 from bow_sweep.standing.fits import objection
-from bow_sweep.standing.state import FILE, State, boot, default_folder, make_folder, read_state, sources
+from bow_sweep.standing.state import (
+    FILE,
+    State,
+    boot,
+    default_folder,
+    left_out,
+    make_folder,
+    note_left_out,
+    read_state,
+    sources,
+)
 
 
 @pytest.fixture
@@ -116,3 +126,15 @@ def test_the_hash_of_the_sources_changes_with_them(tmp_path: Path, monkeypatch: 
     assert sources() == before
     fake.write_text("longer")
     assert sources() != before
+
+
+def test_nodes_that_a_graph_goes_on_without_are_written_down(tmp_path: Path) -> None:
+    assert left_out(tmp_path) == {}
+    note_left_out(tmp_path, "dashboard", "exit status 1", tmp_path / "dashboard.log")
+    note_left_out(tmp_path, "other", "killed", tmp_path / "other.log")
+    assert left_out(tmp_path) == {
+        "dashboard": ("exit status 1", tmp_path / "dashboard.log"),
+        "other": ("killed", tmp_path / "other.log"),
+    }
+    (tmp_path / "left_out.json").write_text("[1]")
+    assert left_out(tmp_path) == {}
