@@ -188,7 +188,7 @@ def eventually(holds: Callable[[], bool], what: str) -> None:
 
 def frame_of(picture: np.ndarray) -> tuple[int, int, int, int]:
     """Return left, right, top and bottom of the frame around the map in a picture, pixels."""
-    is_line = (abs(picture - LINE) <= 30).all(axis=-1)
+    is_line = (abs(picture - LINE) <= 15).all(axis=-1)  # cells that are not computed differ by 20
     longest, bottom, left = 0, 0, 0
     for row, line in enumerate(is_line):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], line.astype(np.int8), [0]]))).reshape(-1, 2)
