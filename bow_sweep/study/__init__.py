@@ -1,6 +1,7 @@
 """Studies: families of maps over further parameters, what they say together, and the search for the best.
 
 over            values that a study gives a parameter, read from the command line
+asked           the file that says what was asked for
 plan            a study: its maps, their names, its file
 campaigns       the studies of config/campaigns
 statistics      which differences between maps are significant

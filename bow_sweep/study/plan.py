@@ -11,14 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from bow_sim.atomic_files import replacing
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.parameters import parse_settings
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.run.directory import STUDY, RunError
+from bow_sweep.run.directory import STUDY
+from bow_sweep.study.asked import read_asked, write_asked
 from bow_sweep.study.over import LISTED, PRESET, SCALES, Over
 
 FORMAT = 1
@@ -134,8 +132,7 @@ class Study:
             "over": [{"name": o.name, "scale": o.scale, "values": list(o.values)} for o in self.overs],
             **({"figure": self.figure} if self.figure else {}),
         }
-        with replacing(directory / STUDY) as file:
-            file.write(yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
+        write_asked(directory / STUDY, content)
 
     @classmethod
     def in_directory(cls, directory: Path) -> Study:
@@ -146,25 +143,15 @@ class Study:
         RunError
             Where there is none, or its file cannot be read, or is of a later version.
         """
-        path = directory / STUDY
-        try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise RunError(f"{directory}: no study was begun here; it would have a file {STUDY}") from None
-        except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
-            raise RunError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
-        try:
-            version = content["study"]
-            if isinstance(version, int) and version > FORMAT:
-                raise RunError(f"{path}: format {version}, of a later bow; this one reads {FORMAT}: update it")
+
+        def build(content: Any) -> Study:
             overs = tuple(_over(entry) for entry in content["over"])
             settings = tuple(str(line) for line in content["settings"])
             study = cls(str(content["preset"]), settings, overs, str(content["title"]), int(content.get("figure", 0)))
             _ = study.members
-        except (KeyError, TypeError, ValueError) as error:
-            why = f"it has no {error}" if isinstance(error, KeyError) else error
-            raise RunError(f"{path}: does not say which study this is: {why}") from None
-        return study
+            return study
+
+        return read_asked(directory / STUDY, "study", "study", FORMAT, build)
 
 
 def _over(entry: Mapping[str, Any]) -> Over:

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from bow_sim.atomic_files import replacing
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import parse_settings
 from bow_sweep.maps.playability import MEASURES
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.run.directory import SEARCH, RunError
+from bow_sweep.run.directory import SEARCH
+from bow_sweep.study.asked import read_asked, write_asked
 from bow_sweep.study.over import SCALES, Range
 from bow_sweep.study.plan import Member, run_name
 from bow_sweep.study.statistics import LEVEL, Measured, p_value
@@ -134,8 +133,7 @@ class Search:
             "trials": self.trials,
             "seed": self.seed,
         }
-        with replacing(directory / SEARCH) as file:
-            file.write(yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode())
+        write_asked(directory / SEARCH, content)
 
     @classmethod
     def in_directory(cls, directory: Path) -> Search:
@@ -146,17 +144,8 @@ class Search:
         RunError
             Where there is none, or its file cannot be read, or is of a later version.
         """
-        path = directory / SEARCH
-        try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise RunError(f"{directory}: no search was begun here; it would have a file {SEARCH}") from None
-        except (OSError, ValueError, yaml.YAMLError, RecursionError) as error:
-            raise RunError(f"{path}: cannot be read: {' '.join(str(error).split())}") from None
-        try:
-            version = content["optimise"]
-            if isinstance(version, int) and version > FORMAT:
-                raise RunError(f"{path}: format {version}, of a later bow; this one reads {FORMAT}: update it")
+
+        def build(content: Any) -> Search:
             search = cls(
                 str(content["preset"]),
                 tuple(str(line) for line in content["settings"]),
@@ -167,10 +156,9 @@ class Search:
                 int(content["seed"]),
             )
             search.check()
-        except (KeyError, TypeError, ValueError) as error:
-            why = f"it has no {error}" if isinstance(error, KeyError) else error
-            raise RunError(f"{path}: does not say which search this is: {why}") from None
-        return search
+            return search
+
+        return read_asked(directory / SEARCH, "search", "optimise", FORMAT, build)
 
 
 def _range(entry: Mapping[str, Any]) -> Range:
