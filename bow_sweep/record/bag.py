@@ -1,6 +1,7 @@
 """A bag: a directory in the format of rosbag2. After every interruption recording continues in a new MCAP file.
 
-``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ... The `sequence` field of messages counts through all
+``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ...; of a station NAME ``bag/NAME/metadata.yaml``,
+``bag/NAME/NAME_0.mcap`` ... (:mod:`bow_sim.protocol.stations`). The `sequence` field of messages counts through all
 files, so a message that is taken out leaves a gap.
 """
 
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 from mcap.records import Metadata
 
 from bow_sim.atomic_files import replacing, sync_directory
+from bow_sim.protocol.stations import NAME
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import Contents, McapWriter
@@ -53,6 +55,19 @@ class BagMessage(NamedTuple):
     def length(self) -> int:
         """Number of bytes in the file."""
         return len(self.data) - len(self.lacking) + self.unread
+
+
+def bag_folder(run_directory: Path, station: str = "") -> Path:
+    """Return where the bag of a station is, or will be: bag/ of the station without a name, bag/NAME/ of others."""
+    return run_directory / FOLDER / station if station else run_directory / FOLDER
+
+
+def station_bags(run_directory: Path) -> dict[str, Path]:
+    """Return station -> its bag, for all bags of a run directory; the station without a name is the first."""
+    folder = run_directory / FOLDER
+    named = sorted(path for path in folder.glob("*") if NAME.fullmatch(path.name) and path.is_dir())
+    found = {"": folder, **{path.name: path for path in named}}
+    return {station: path for station, path in found.items() if bag_files(path)}
 
 
 def bag_of(run_directory: Path) -> Path:
