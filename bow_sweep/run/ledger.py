@@ -239,7 +239,8 @@ class Ledger:
                 self._due = sorted([*self._due, *fresh])
             case Tick():
                 self._expire(now, out)
-        self._dispatch_due(now, out)
+        if not isinstance(event, Judged | Receipted | OnDisk):  # an answer frees no simulator and makes no block due
+            self._dispatch_due(now, out)
         return out
 
     def _concerns(self, number: int, chunk: int, station: str) -> bool:
