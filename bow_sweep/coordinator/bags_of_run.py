@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from bow_sweep.record.bag import FOLDER, BagError, bags_in
+from bow_sweep.record.bag import FOLDER, BagError, station_bags
 from bow_sweep.record.bag_contents import RunIdentity, Survey
 from bow_sweep.record.recover import repair
 from bow_sweep.record.run_bags import RunSurvey, in_words
@@ -33,7 +33,7 @@ def repaired_bags(directory: Path, reading: Reading, log: Log, locks: bool) -> R
     right = identity = RunIdentity(first["run_id"], first["sweep_id"]) if first else None
     folder = directory / FOLDER
     bags: dict[str, Survey] = {}
-    for station, bag in {"": folder, **bags_in(folder)}.items():
+    for station, bag in {"": folder, **station_bags(directory)}.items():
         with ExitStack() as stack:
             try:
                 stack.enter_context(locked(directory, recorder_of(station), locks))

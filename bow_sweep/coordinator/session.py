@@ -251,8 +251,9 @@ class CoordinatorSession:
         elif message.role in CONSUMERS and neighbour is not None and self._consumers.update(neighbour, self._now):
             self._log("warning", f"{message.role} restarted: unfinished blocks are due again")
             self._apply(ledger_events.ConsumerRestarted(message.role))
-        self._begin_work()
-        if self._active is not None:
+        is_simulator = message.role == "simulator"
+        self._begin_work(message.node if is_simulator else None)
+        if self._active is not None and not is_simulator:
             self._finish_when_closed(self._active)
 
     def _take_receipt(self, data: bytes) -> None:
@@ -302,7 +303,8 @@ class CoordinatorSession:
             return
         run = active.run
         out = run.ledger.handle(event, self._now)
-        run.record(item.entry for item in out if isinstance(item, ledger_events.Record))
+        if out:  # nothing follows from most answers
+            run.record(item.entry for item in out if isinstance(item, ledger_events.Record))
         for item in out:
             match item:
                 case ledger_events.Dispatch(block, attempt, simulator):
@@ -344,14 +346,21 @@ class CoordinatorSession:
             if active.goal is not None:
                 self._out.append(PublishFeedback(active.goal, active.feedback(self._wall_clock())))
 
-    def _begin_work(self) -> None:
-        """Let simulators join while recorder and classifier of this run are ready; else report what is missing."""
+    def _begin_work(self, heard: str | None = None) -> None:
+        """Let simulators join while recorder and classifier of this run are ready; else report what is missing.
+
+        Parameters
+        ----------
+        heard
+            Only this simulator, whose heartbeat has arrived; None: all of them. A thousand heartbeats a second would
+            else look at a thousand simulators each.
+        """
         active = self._active
         if active is None or active.is_closing:
             return
         missing = self._consumers.missing(active.run.run_id, self._now)
-        self._pool.check(self._now, may_join=not missing)
-        if not missing and not self._neighbours.of_role("simulator", self._now):
+        self._pool.check(self._now, may_join=not missing, only=heard)
+        if not missing and not self._neighbours.has_role("simulator", self._now):
             missing = ["no simulator is heard"]
         if missing:
             self._set_state(NodeState.STARTING, f"waiting in {self._namespace}: {', '.join(missing)}")

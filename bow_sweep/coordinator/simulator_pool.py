@@ -122,7 +122,7 @@ class Pool:
         elif known.joined:
             self._compare(name, known, _attempts(message.refused_blocks, message.refused_attempts), now)
 
-    def check(self, now: float, may_join: bool) -> None:
+    def check(self, now: float, may_join: bool, only: str | None = None) -> None:
         """Forget simulators that have ended; if `may_join`, let those join that are ready.
 
         Parameters
@@ -131,8 +131,13 @@ class Pool:
             Seconds.
         may_join
             Whether recorder and classifier are ready for the work of more simulators.
+        only
+            Name of the simulator to look at; None for all.
         """
-        for name, simulator in list(self._simulators.items()):
+        for name in list(self._simulators) if only is None else [only]:
+            simulator = self._simulators.get(name)
+            if simulator is None:
+                continue
             silent = now - simulator.heard
             if self._has_ended(simulator, now):
                 # A process that still exists on this machine is stopped or stuck: its block is not the cause.

@@ -1,8 +1,9 @@
 """A bag: a directory in the format of rosbag2. After every interruption recording continues in a new MCAP file.
 
-``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ...; of a station ``bag/NAME/NAME_0.mcap`` ... The
-`sequence` field of messages counts through all files of a bag, so a message that is taken out leaves a gap.
-:mod:`bow_sweep.record.run_bags` reads all bags of a run as one.
+``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ...; of a station NAME ``bag/NAME/metadata.yaml``,
+``bag/NAME/NAME_0.mcap`` ... (:mod:`bow_sim.protocol.stations`). The `sequence` field of messages counts through all
+files of a bag, so a message that is taken out leaves a gap. :mod:`bow_sweep.record.run_bags` reads all bags of a run as
+one.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 from mcap.records import Metadata
 
 from bow_sim.atomic_files import replacing, sync_directory
+from bow_sim.protocol.stations import NAME
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import Contents, McapWriter
@@ -25,8 +27,6 @@ from bow_sweep.record.topics import Topic, short_name
 METADATA = "metadata.yaml"
 FOLDER = "bag"
 """Name of the bag in a run directory, in which those of its stations are, ``bag/NAME``."""
-
-_STATION = re.compile("[a-z][a-z0-9_]{0,31}")
 
 
 class BagError(ValueError):
@@ -56,6 +56,16 @@ class BagMessage(NamedTuple):
     def length(self) -> int:
         """Number of bytes in the file."""
         return len(self.data) - len(self.lacking) + self.unread
+
+
+def bag_folder(run_directory: Path, station: str = "") -> Path:
+    """Return where the bag of a station is, or will be: bag/ of the station without a name, bag/NAME/ of others."""
+    return run_directory / FOLDER / station if station else run_directory / FOLDER
+
+
+def station_bags(run_directory: Path) -> dict[str, Path]:
+    """Return station -> its bag, for all bags of a run directory; the station without a name is the first."""
+    return bags_in(run_directory / FOLDER)
 
 
 def bag_of(run_directory: Path) -> Path:
@@ -89,7 +99,7 @@ def bags_in(directory: Path) -> dict[str, Path]:
 
 def station_of_bag(directory: Path) -> str:
     """Return the station of a bag by its place, ``bag/NAME``; "" for that of the coordinator's machine."""
-    return directory.name if directory.parent.name == FOLDER and _STATION.fullmatch(directory.name) else ""
+    return directory.name if directory.parent.name == FOLDER and NAME.fullmatch(directory.name) else ""
 
 
 def run_of_bag(directory: Path) -> Path:
