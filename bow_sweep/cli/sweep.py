@@ -110,6 +110,13 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue the run in this directory")
     parser.add_argument(
+        "--lost",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="with --resume: the bag of this station is lost, compute its blocks again; repeatable",
+    )
+    parser.add_argument(
         "--network",
         metavar="WHERE",
         default="",
@@ -155,12 +162,14 @@ def _sweep(args: argparse.Namespace) -> int:
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
     if args.resume and (args.preset or short or args.settings or args.out or args.save_preset):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
+    if args.lost and not args.resume:
+        return fail("--lost: says of a run that is resumed which bags are lost; give --resume RUN with it")
     from bow_sweep.cli.sweep_jobs import begin, resume
     from bow_sweep.run.directory import RunError
 
     try:
         if args.resume:
-            work = resume(args.resume.resolve(), not args.no_lock)
+            work = resume(args.resume.resolve(), not args.no_lock, args.lost)
         else:
             chosen = choose(args.preset, campaigns())
             if chosen.path:
