@@ -1,4 +1,4 @@
-"""When a run that is closing can be finished: its bags are closed and the dashboard has drawn, or they take too long."""
+"""When a closing run can be finished: its bags are closed and the dashboard has drawn, or they take too long."""
 
 from __future__ import annotations
 

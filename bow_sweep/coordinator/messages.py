@@ -54,9 +54,7 @@ def epoch_message(run: Run, coordinator: str, simulator: str, epoch: int) -> byt
     return _block(run, coordinator, simulator, epoch)
 
 
-def _block(
-    run: Run, coordinator: str, simulator: str, epoch: int, block: int | None = None, attempt: int = 0
-) -> bytes:
+def _block(run: Run, coordinator: str, simulator: str, epoch: int, block: int | None = None, attempt: int = 0) -> bytes:
     cells = run.blocks.block(block) if simulator and block is not None else np.zeros(0, np.uint32)
     at = run.sweep.axis_values(cells)
     values = {

@@ -193,6 +193,4 @@ class RunEnded:
     """The run is finished: its report is written and its directory released."""
 
 
-Instruction = (
-    Publish | ListenTo | PublishMap | PublishFeedback | AnswerGoal | SetState | Log | WriteResults | RunEnded
-)
+Instruction = Publish | ListenTo | PublishMap | PublishFeedback | AnswerGoal | SetState | Log | WriteResults | RunEnded

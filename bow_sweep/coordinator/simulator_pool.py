@@ -158,9 +158,7 @@ class Pool:
                 exists = simulator.host == self._host and not is_gone(simulator.host, simulator.pid, self._host)
                 why = f"silent for {silent:.0f} s" if silent > SILENT_S else "its process has ended"
                 self._forget(name, why, blame=not exists)
-            elif (
-                may_join and (stations is None or simulator.station in stations) and self._can_join(simulator, now)
-            ):
+            elif may_join and (stations is None or simulator.station in stations) and self._can_join(simulator, now):
                 simulator.joined = True
                 simulator.sent.clear()
                 self._emit(SimulatorReady(name, simulator.station))
@@ -173,7 +171,9 @@ class Pool:
 
     def holding(self) -> list[tuple[str, str]]:
         """Return incarnation and station of the simulators that hold blocks and have no work of the ledger."""
-        return [(each.incarnation, each.station) for each in self._simulators.values() if each.holds and not each.joined]
+        return [
+            (each.incarnation, each.station) for each in self._simulators.values() if each.holds and not each.joined
+        ]
 
     def send(self, name: str, block: int, attempt: int, now: float) -> str:
         """Note that a block is sent to a simulator; return its incarnation, or "" if it has gone."""
