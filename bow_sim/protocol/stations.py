@@ -19,6 +19,9 @@ MOST_STATIONS = 1024
 STATION_ROLES = ("recorder", "classifier", "simulator")
 """Roles of the nodes that belong to a station; all others belong to the run."""
 
+STATION_TOPICS = ("bridge_force", "stick_slip", "verdicts", "receipts")
+"""Topics that each station has for itself; all others are those of the run."""
+
 
 class StationError(ValueError):
     """A station cannot have this name, or a node is not where its station is; the text says what would be right."""

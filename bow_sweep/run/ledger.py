@@ -185,9 +185,10 @@ class Ledger:
 
     def epoch_of(self, number: int) -> int:
         """Return the epoch in which a block was sent last."""
-        return self._epoch_of(self.blocks[number].station)
+        return self.epoch_at(self.blocks[number].station)
 
-    def _epoch_of(self, station: str) -> int:
+    def epoch_at(self, station: str) -> int:
+        """Return the epoch of the blocks that are sent to a station now."""
         return max(self.announced, self._restarted.get(station, 0))
 
     @property
@@ -359,7 +360,7 @@ class Ledger:
             block.attempt += 1
             self.in_flight[simulator].append(number)
             entry = {"event": "dispatched", "block": number, "attempt": block.attempt}
-            entry |= {"epoch": self._epoch_of(station), "simulator": simulator, **_named(station)}
+            entry |= {"epoch": self.epoch_at(station), "simulator": simulator, **_named(station)}
             out.append(Record(entry))
             out.append(Dispatch(number, block.attempt, simulator))
         for number in postponed:
