@@ -24,6 +24,7 @@ from bow_sweep.record.bag_contents import Progress, RunIdentity
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_writer import MAGIC
 from bow_sweep.record.recover import identity_of
+from bow_sweep.record.run_bags import in_words
 from bow_sweep.run.lock import locked
 
 Log = Callable[[str], object]
@@ -235,7 +236,8 @@ def _take_place(bag: Path, place: Path, made: Collected, log: Log) -> None:
     """Move a copied bag to its place, unless it has nothing that is not there."""
     sizes = {path.name: path.stat().st_size for path in bag_files(bag)}
     size = sum(sizes.values())
-    what = f"station {place.name}: {len(sizes)} files, {size / 1e6:.1f} MB"
+    name = in_words(place.name)
+    what = f"{name}: {len(sizes)} file{'s' * (len(sizes) != 1)}, {size / 1e6:.1f} MB"
     before = {path.name: path.stat().st_size for path in bag_files(place)}
     if before and (_equal(bag, place) or _contains(before, sizes)):
         made.known.append(place.name)
@@ -255,14 +257,14 @@ def _take_place(bag: Path, place: Path, made: Collected, log: Log) -> None:
         aside.parent.mkdir(exist_ok=True)
         kept = free_name(aside.with_name(f"{aside.name}.before"))
         os.replace(place, kept)
-        log(f"station {place.name}: the shorter bag that was here is in {kept}")
+        log(f"{name}: the shorter bag that was here is in {kept}")
     os.replace(bag, place)
     sync_directory(place.parent)
     made.bags.append(place.name)
     log(f"{what} -> {place}")
     if not _is_closed(bag_files(place)[-1]):
         again = "collect it again when the station has ended, or have `bow recover` close it"
-        log(f"station {place.name}: its last file is cut off or still being written: {again}")
+        log(f"{name}: its last file is cut off or still being written: {again}")
 
 
 def _contains(sizes: Mapping[str, int], others: Mapping[str, int]) -> bool:
