@@ -214,7 +214,7 @@ class Watchdog:
             lost = {pid: self._peers[pid] for pid in needed if pid != coordinator}
             lost = {pid: peer for pid, peer in lost.items() if peer.incarnation not in self._heard_by_coordinator}
             since |= {pid: max(peer.since, since[coordinator]) for pid, peer in lost.items()}
-            candidates = lost.keys() or {coordinator}
+            candidates = set(lost) or {coordinator}
         stuck = {pid for pid in candidates if now - since[pid] > self._patience}
         if stuck:
             self._without_run -= stuck
