@@ -147,8 +147,12 @@ def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> 
     display.stop()
     kept = bag_files(bag_folder(directory, name))
     if kept:
-        where = f"{socket.gethostname()}:{directory}"
-        display.print_line(f"recorded in {kept[0].parent}; where the run is: bow collect RUN {shlex.quote(where)}")
+        here = Path(args.joined).is_dir()
+        run, where = (args.joined, str(directory)) if here else ("RUN", f"{socket.gethostname()}:{directory}")
+        display.print_line(
+            f"recorded in {kept[0].parent}; to bring it to the run{'' if here else ', where that is'}: "
+            f"bow collect {shlex.quote(run)} {shlex.quote(where)}"
+        )
     elif new and status != DONE:
         shutil.rmtree(directory, ignore_errors=True)  # nothing but logs and locks of this start
     return fail(problem, status) if problem else DONE
