@@ -24,6 +24,7 @@ from bow_sweep.study.over import Over, over_of
 from bow_sweep.study.plan import Study as Plan
 from bow_sweep.study.plan import short
 from bow_sweep.study.report import Report, contents, measured, read_runs, text
+from bow_sweep.study.usual import overs_of
 
 if TYPE_CHECKING:
     import xarray
@@ -188,7 +189,7 @@ def study(
         Name of a preset, as of `bow sweep`.
     over
         Further parameters: a mapping from name to values, or to a text as in ``{"mu_s": "0.6:1.2:4"}``; or texts as
-        after `bow study --over`.
+        after `bow study --over`, where a name alone stands for values along its usual axis.
     nx, ny, x, y, settings, workers, progress, **parameters
         As for :func:`bow.sweep`; they hold for all maps.
 
@@ -198,7 +199,7 @@ def study(
         For a map that cannot be computed; names the setting, its value and what would be right. It is a ValueError.
     """
     given = given_settings(nx, ny, x, y, settings, parameters)
-    plan = Plan(preset, tuple(given), tuple(_overs(over)))
+    plan = Plan(preset, tuple(given), _overs(preset, given, over))
     members = plan.members
     maps, runs = [], {}
     for number, member in enumerate(members, 1):
@@ -259,18 +260,16 @@ def open_any(path: str | Path) -> Any:
 # ---- parameters
 
 
-def _overs(given: OverGiven) -> list[Over]:
-    if isinstance(given, str):
-        return [over_of(given)]
+def _overs(preset: str, settings: Sequence[str], given: OverGiven) -> tuple[Over, ...]:
     if not isinstance(given, Mapping):
-        return [over_of(each) for each in given]
+        return overs_of(preset, settings, [given] if isinstance(given, str) else list(given))
     found = []
     for name, values in given.items():
         if isinstance(values, str):
             found.append(over_of(f"{name}={values}"))
             continue
         found.append(Over(name, tuple(written(name, value) for value in values)))
-    return found
+    return tuple(found)
 
 
 def _values(over: Over) -> list[float | str]:
