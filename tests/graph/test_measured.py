@@ -116,8 +116,8 @@ def test_interrupted_while_a_string_plays_it_leaves_a_closed_bag(
     given = (f"sample_rate:={RATE}", f"f0:={F0}", f"beta:={BETA}")
     nodes["classifier"] = start("classifier", "source:=/bridge_force", *given)
     said: dict[str, list[str]] = {role: [] for role in nodes}
-    for role in said:
-        until_it_says(nodes[role], "ready in /bow", said[role])
+    for role, lines in said.items():
+        until_it_says(nodes[role], "ready in /bow", lines)
     nodes["sensor"] = subprocess.Popen(
         [sys.executable, str(PLAYER), str(tmp_path / "wave.npy"), str(RATE)], stdout=subprocess.PIPE, text=True
     )
