@@ -1,8 +1,9 @@
 """How well `bow classify` judges bridge force alone; run it with `python -m studies.measured`.
 
 Cells of four maps, one of them in SI units, are drawn at random, computed, resampled to the rate of a recording, turned
-upside down, scaled, and given noise and a wrong pitch. They are judged without the stream of stick and slip, and held against the verdicts
-of the map at every test. The numbers go into docs/desk.md (between two marks; the text around them stays).
+upside down, scaled, and given noise and a wrong pitch. They are judged without the stream of stick and slip, and held
+against the verdicts of the map at every test. The numbers go into docs/desk.md (between two marks; the text around them
+stays).
 """
 
 from __future__ import annotations
