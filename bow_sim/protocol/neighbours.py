@@ -212,6 +212,10 @@ class Neighbours:
         found = [known for known in self._known.values() if known.role == role and run_id in (None, known.run_id)]
         return [known for known in found if self.is_alive(known.incarnation, now)]
 
+    def has_role(self, role: str, now: float) -> bool:
+        """Return whether a node of a role is alive; the first that is found is enough."""
+        return any(known.role == role and self.is_alive(each, now) for each, known in self._known.items())
+
     def missing(self, topics: Iterable[tuple[str, str]], run_id: str, now: float, patience: float) -> list[str]:
         """Return, as texts for the user, which readers of this node's topics are missing or do not receive them.
 
