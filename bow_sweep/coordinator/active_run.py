@@ -41,6 +41,8 @@ class ActiveRun:
         What came of writing map and picture; None before that.
     plan, plan_at
         The latest plan that was published, and when.
+    map_at
+        When the latest map was published.
     """
 
     run: Run
@@ -54,6 +56,7 @@ class ActiveRun:
     results: ResultsWritten | None = None
     plan: bytes = b""
     plan_at: float = 0.0
+    map_at: float = float("-inf")
     _published_tests: int = field(default=-1, init=False)
 
     def __post_init__(self) -> None:

@@ -45,7 +45,9 @@ def test_kept_values_follow_from_all_verdicts(seed: int, guettler: bool) -> None
 def test_taking_a_test_does_not_look_at_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """A coordinator takes a verdict for every chunk: all tests again at each test would be a square."""
     rng, looked = np.random.default_rng(1), []
-    monkeypatch.setattr(basin_map, "transient_lengths", lambda *layers: looked.append(layers) or transient_lengths(*layers))
+    monkeypatch.setattr(
+        basin_map, "transient_lengths", lambda *layers: looked.append(layers) or transient_lengths(*layers)
+    )
     basin = Basin(NX, NY, TESTS)
     cells = np.arange(basin.tested.size)
     verdicts = [verdict(rng, len(cells), False) for _ in range(TESTS)]
