@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from bow_sim.protocol.states import PlanState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.results import writing
@@ -78,7 +76,7 @@ class ActiveRun:
             values["classifier"] == run.sweep.thresholds.hash
             and block < run.blocks.count
             and values["chunk"] < run.sweep.chunks
-            and np.array_equal(values["cells"], run.blocks.block(block))
+            and values["cells"].tobytes() == run.blocks.block(block).tobytes()
         )
 
     def plan_message(self, coordinator: str) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState, PlanState
-from bow_sim.protocol.sweep_spec import Axis
+from bow_sim.protocol.sweep_spec import values_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
@@ -20,14 +19,6 @@ BLOCK_STATES = {State.DONE: BlockState.DONE, State.QUARANTINED: BlockState.QUARA
 
 SHOWN = ("regime", "correlation", "slips", "corners")
 """The fields of verdicts that are in a BasinMap."""
-
-
-@lru_cache(maxsize=4)
-def _values(axis: Axis) -> np.ndarray:
-    """Return the values of an axis, exactly rounded: that takes time, and they go out with each map."""
-    values = axis.values()
-    values.flags.writeable = False
-    return values
 
 
 def _identity(run: Run) -> dict[str, Any]:
@@ -83,8 +74,8 @@ def map_values(run: Run, basin: Basin) -> dict[str, Any]:
         "sweep_id": run.sweep.sweep_id,
         "x_name": run.sweep.x.name,
         "y_name": run.sweep.y.name,
-        "x": _values(run.sweep.x),
-        "y": _values(run.sweep.y),
+        "x": values_of(run.sweep.x),
+        "y": values_of(run.sweep.y),
         "transient_periods": basin.of_plane(basin.transient_periods).ravel(),
         "tests": basin.of_plane(basin.tested).ravel(),
         "regime_names": list(REGIMES),
