@@ -42,6 +42,7 @@ IMPURE = {
     "bow_sweep.record.verify": {"mcap"},
     "bow_sweep.coordinator.resume": {"mcap"},
     "bow_sweep.processes.supervisor_node": {"rclpy", "bow_msgs"},
+    "bow_sweep.processes.station_watch": {"rclpy", "bow_msgs"},
     "bow_sweep.standing.watch": {"rclpy", "bow_msgs"},
     "bow_sweep.explore.packed": {"mcap"},
     "bow_sweep.explore.page": {"bokeh"},

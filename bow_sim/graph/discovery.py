@@ -115,6 +115,16 @@ def variables_for(network: str, trusted: bool = False) -> dict[str, str]:
 
 def join_command(namespace: str, environment: Mapping[str, str]) -> str:
     """Return the command that starts a simulator on another machine, for the graph in `namespace`."""
+    return " ".join([*_join_variables(environment), "bow", "simulator", "--ros-args", "-r", f"__ns:={namespace}"])
+
+
+def station_command(run_id: str, environment: Mapping[str, str]) -> str:
+    """Return the command that starts a station on another machine; `NAME` is for the user to choose."""
+    return " ".join([*_join_variables(environment), "bow", "station", "NAME", "--run", run_id])
+
+
+def _join_variables(environment: Mapping[str, str]) -> list[str]:
+    """Return the variables with which another machine reaches the graph of this one."""
     words = []
     if environment.get(SERVER):
         words += [f"{SERVER}={environment[SERVER]}", "ROS_SUPER_CLIENT=TRUE"]
@@ -124,7 +134,7 @@ def join_command(namespace: str, environment: Mapping[str, str]) -> str:
         words.append(f"{RANGE}={environment.get(RANGE, SUBNET)}")
     if environment.get(DOMAIN):
         words.append(f"{DOMAIN}={environment[DOMAIN]}")
-    return " ".join([*words, "bow", "simulator", "--ros-args", "-r", f"__ns:={namespace}"])
+    return words
 
 
 def _own_address(peer: str) -> str:

@@ -26,6 +26,7 @@ plot          `bow plot`
 classify      `bow classify`
 settings      `bow settings`
 up            `bow up`, `bow down`: a graph that stays
+station       `bow station`
 status        `bow status`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user

@@ -23,6 +23,7 @@ from bow_sweep.cli import (
     repeats,
     replay,
     settings,
+    station,
     status,
     study,
     sweep,
@@ -48,6 +49,7 @@ def parser() -> argparse.ArgumentParser:
     looked_at = sweep, study, optimise, inspect, explore, transient, edges, repeats, exponent, figure, validate
     for module in (*looked_at, compare, plot, verify, replay, recover, export, classify, settings):
         module.add_command(commands)
+    station.add_command(commands)
     up.add_commands(commands)
     status.add_command(commands)
     nodes.add_commands(commands)
