@@ -331,6 +331,7 @@ class BowNode(Node):
             self.health.node,
             (self.health.started.sec, self.health.started.nanosec),
             self.health.role in UNIQUE_ROLES,
+            among=[neighbour] if neighbour else [],
         )
         if rival is not None and not self.finished:
             self._end_because_of(rival)

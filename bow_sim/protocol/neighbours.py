@@ -237,12 +237,15 @@ class Neighbours:
                 out.append(f"{readers[0].node} does not hear {topic}")
         return list(dict.fromkeys(out))
 
-    def rival(self, role: str, node: str, started: tuple[int, int], single: bool) -> Neighbour | None:
+    def rival(
+        self, role: str, node: str, started: tuple[int, int], single: bool, among: Iterable[Neighbour] | None = None
+    ) -> Neighbour | None:
         """Return a living node that started before this one and has its role, if that is `single`, or else its name.
 
-        The node that started later has to end.
+        The node that started later has to end. Who asks at every heartbeat need look only `among` the node that sent
+        it, as nothing else changes the answer; None: among all.
         """
-        for other in self._known.values():
+        for other in self._known.values() if among is None else among:
             same = other.role == role if single else other.node == node
             if same and other.is_live and (other.started, other.incarnation) < (started, self._own):
                 return other

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bow_sim.graph import discovery
+from bow_sim.graph.exposure import TRUST
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
@@ -131,6 +132,9 @@ def add_command(commands: Any) -> None:
         default="",
         help="let simulators of other machines join: SUBNET, or their names or addresses, separated by commas",
     )
+    parser.add_argument(
+        TRUST, dest="trusted", action="store_true", help="--network also with public addresses: DDS does not encrypt"
+    )
     parser.add_argument("--view", action="store_true", help="open the rerun viewer and watch the map grow")
     parser.add_argument(
         "--port", metavar="P", default="0", help="serve the dashboard to `rerun --connect` on P of 127.0.0.1"
@@ -167,7 +171,7 @@ def _sweep(args: argparse.Namespace) -> int:
         return fail(str(error))
     if args.network:
         try:
-            os.environ.update(discovery.variables_for(args.network))
+            os.environ.update(discovery.variables_for(args.network, args.trusted))
         except discovery.NetworkError as error:
             return fail(f"--network {error}")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]

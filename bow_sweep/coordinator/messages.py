@@ -10,11 +10,15 @@ import numpy as np
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState, PlanState
+from bow_sim.protocol.sweep_spec import values_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
 BLOCK_STATES = {State.DONE: BlockState.DONE, State.QUARANTINED: BlockState.QUARANTINED}
+
+SHOWN = ("regime", "correlation", "slips", "corners")
+"""The fields of verdicts that are in a BasinMap."""
 
 
 def _identity(run: Run) -> dict[str, Any]:
@@ -87,15 +91,15 @@ def map_values(run: Run, basin: Basin) -> dict[str, Any]:
         "sweep_id": run.sweep.sweep_id,
         "x_name": run.sweep.x.name,
         "y_name": run.sweep.y.name,
-        "x": run.sweep.x.values(),
-        "y": run.sweep.y.values(),
+        "x": values_of(run.sweep.x),
+        "y": values_of(run.sweep.y),
         "transient_periods": basin.of_plane(basin.transient_periods).ravel(),
         "tests": basin.of_plane(basin.tested).ravel(),
         "regime_names": list(REGIMES),
         "cells_done": accounts["done"],
         "cells_quarantined": accounts["quarantined"],
         "cells_outstanding": accounts["outstanding"],
-        **{name: basin.of_plane(basin.latest(name)).ravel() for name in ("regime", "correlation", "slips", "corners")},
+        **{name: basin.of_plane(latest).ravel() for name, latest in basin.latest_of(SHOWN).items()},
     }
 
 

@@ -55,6 +55,10 @@ from bow_sweep.run.ledger import State
 TICK_S = 0.2
 """Seconds between two :class:`TimePassed`; map and progress are published at most this often, 5 Hz."""
 
+MAP_CELLS_PER_S = 250_000
+"""Cells of the maps that are published in a second, at most: maps of more than 50,000 cells go out less often than
+5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
+
 ANNOUNCE_S = 1.0
 """The plan is published again this often while recorder, classifier or a simulator has not taken it up."""
 
@@ -337,7 +341,8 @@ class CoordinatorSession:
         self._apply(ledger_events.Tick())
         if not active.is_closing:
             self._publish_plan(active, if_changed=True)
-            self._publish_map(active)
+            if self._now - active.map_at >= active.run.sweep.cells / MAP_CELLS_PER_S:
+                self._publish_map(active)
             if active.goal is not None:
                 self._out.append(PublishFeedback(active.goal, active.feedback(self._wall_clock())))
 
@@ -390,6 +395,7 @@ class CoordinatorSession:
     def _publish_map(self, active: ActiveRun) -> None:
         values = active.new_map()
         if values is not None:
+            active.map_at = self._now
             self._out.append(PublishMap(values))
 
     def _set_state(self, state: int, detail: str = "", run_id: str | None = None) -> None:

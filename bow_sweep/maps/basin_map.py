@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,14 @@ def transient_lengths(regime: np.ndarray, transient: np.ndarray) -> np.ndarray:
         return by_tests
     latest = len(known) - 1 - known[::-1].argmax(axis=0)
     return np.where(known.any(axis=0), transient[latest, np.arange(transient.shape[1])], by_tests)
+
+
+def _place(cells: np.ndarray) -> np.ndarray | slice:
+    """Return the index of some cells: a slice where each follows the one before, as in most blocks."""
+    at = np.asarray(cells, np.intp)
+    if len(at) and at[-1] - at[0] == len(at) - 1 and (at[1:] > at[:-1]).all():
+        return slice(int(at[0]), int(at[-1]) + 1)
+    return at
 
 
 class Basin:
@@ -77,7 +85,7 @@ class Basin:
         verdict
             Field -> (n,) values.
         """
-        at = np.asarray(cells, np.intp)
+        at = _place(cells)
         is_new = not (self.layers["regime"][test, at] != PENDING).any()
         for name, layer in self.layers.items():
             layer[test, at] = verdict[name]
@@ -92,10 +100,10 @@ class Basin:
         latest = self._latest_stated[at]
         if stated.any() or latest.max(initial=-1) >= 0:
             latest = self._latest_stated[at] = np.where(stated, np.maximum(latest, test), latest)
-            known = latest >= 0
-            self.transient_periods[at[known]] = self.layers["transient"][latest[known], at[known]]
+            known = np.arange(self.tested.size)[at][latest >= 0]
+            self.transient_periods[known] = self.layers["transient"][self._latest_stated[known], known]
 
-    def _derive(self, at: np.ndarray) -> None:
+    def _derive(self, at: np.ndarray | slice) -> None:
         """Derive what is kept of some cells from all of their tests, which takes as long as there are tests."""
         regime, transient = self.layers["regime"][:, at], self.layers["transient"][:, at]
         passed, stated = is_helmholtz(regime), ~np.isnan(transient)
@@ -107,8 +115,12 @@ class Basin:
 
     def latest(self, name: str) -> np.ndarray:
         """Return a layer at the latest test of every cell, (cells,)."""
-        layer = self.layers[name]
-        return layer[np.maximum(self.tested.astype(int), 1) - 1, np.arange(layer.shape[1])]
+        return self.latest_of((name,))[name]
+
+    def latest_of(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Return layers at the latest test of every cell: name -> (cells,)."""
+        at = (np.maximum(self.tested, 1) - np.intp(1)) * self.tested.size + np.arange(self.tested.size)
+        return {name: self.layers[name].reshape(-1).take(at) for name in names}
 
     def of_plane(self, values: np.ndarray) -> np.ndarray:
         """Return the values of the cells of the plane, (..., ny, nx), from those of all cells, (..., cells)."""
