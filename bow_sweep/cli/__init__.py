@@ -15,6 +15,7 @@ exponent      `bow exponent`
 verify        `bow verify`
 replay        `bow replay`
 recover       `bow recover`
+collect       `bow collect`
 figure        `bow figure`
 validate      `bow validate`
 validate_beyond  its second page, `bow validate --beyond`

@@ -134,7 +134,7 @@ def _prepare(directory: Path, log: Log, locks: bool, lost: Collection[str]) -> P
     complete = settled and _results_agree(directory, survey, log)
     if not complete:
         need_all_bags(directory, survey, lost)
-    for line in unseen_in_words(survey.unseen):
+    for line in unseen_in_words({name: blocks for name, blocks in survey.unseen.items() if name not in lost}):
         log(line)
     if events:
         entries = [*entries, *events]
@@ -278,7 +278,7 @@ def _differences(
         if state == "done" and survey.is_unseen(block):
             if stations[block] not in lost:
                 continue
-            lacks = f"the bag of station {stations[block]} is lost"
+            lacks = f"the bag of {in_words(stations[block])} is lost"
         where = survey.at(block)
         if state == "done" and lacks:
             events.append({"event": "reopened", "block": block, "attempt": attempt, "why": lacks})

@@ -134,7 +134,9 @@ class SupervisorNode(BowNode):
         seen.details[message.role], seen.states[message.role] = message.detail, message.state
         if message.state != Health.DEAD:
             seen.heard.add(message.pid)
-            seen.watchdog.heartbeat(message.pid, message.role, message.state, message.run_id, now)
+            seen.watchdog.heartbeat(
+                message.pid, message.role, message.state, message.run_id, now, message.incarnation, message.hears
+            )
         if message.role == "coordinator":
             seen.note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
@@ -321,7 +323,7 @@ def restart_unresponsive(
     children = {child.process.pid: child for child in supervisor.children}
     needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
     if seen.awake.slept > SUSPENDED_S:
-        watchdog.note_stop()
+        watchdog.note_stop(now)
     stopped = watchdog.suspend_timeouts(needed, now)
     if stopped:
         names = ", ".join(sorted(children[pid].label for pid in stopped))
@@ -332,11 +334,12 @@ def restart_unresponsive(
     if needed and unheard >= needed.keys():
         names = ", ".join(child.label for child in needed.values())
         raise GraphError(f"no heartbeat from {names} for {UNHEARD_S:g} s. Check: {hints()}")
-    for pid in (unheard | watchdog.stuck(now)) & children.keys():
+    for pid in (unheard | watchdog.stuck(now, needed)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
         why = f"no heartbeat from {child.label}" if pid in unheard else f"{child.label} is not connected to the others"
-        too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
+        of_role = sum(other.role == child.role for other in children.values())
+        too_often = restarts[child.role] > RESTARTS * of_role and pid in needed
         if too_often or (child.role == "coordinator" and not stays):
             raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {hints()}")
         print_line(f"{why}: it is started again; see {child.log}")

@@ -232,6 +232,10 @@ class BagWriter:
         """Write the pending messages, as one chunk with its index; see `McapWriter.commit`."""
         self._file.commit()
 
+    def take_bulk(self) -> list[tuple[int, int]]:
+        """Return where large messages are that were committed since the last call; see `McapWriter.take_bulk`."""
+        return self._file.take_bulk()
+
     def fileno(self) -> int:
         """Return the descriptor of the file, for syncs; it is closed at the end."""
         return self._file.fileno()

@@ -57,13 +57,13 @@ def finish_file(scan: Scan) -> None:
     descriptor = os.open(scan.path, os.O_RDWR | os.O_CLOEXEC)
     try:
         os.ftruncate(descriptor, scan.good_end)
-        os.lseek(descriptor, scan.good_end, os.SEEK_SET)
+        end = os.lseek(descriptor, scan.good_end, os.SEEK_SET)
         start = b"" if scan.good_end >= len(MAGIC) else MAGIC[scan.good_end :]
         if not scan.library:
             start += pack(Header("ros2", LIBRARY))
         data_crc = crc32(start, scan.data_crc)
         start += scan.missing_index
-        write_all(descriptor, [start, scan.contents.ending(scan.good_end + len(start), data_crc)])
+        write_all(descriptor, [start, scan.contents.ending(end + len(start), data_crc)], end)
         os.fsync(descriptor)
     finally:
         os.close(descriptor)

@@ -9,7 +9,7 @@ beside them, into ``verdicts-<hash>.npz``.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -225,23 +225,26 @@ def replay(
         "chunks": count,
         "equal": equal,
         "differing": sorted(unlike, key=lambda one: (one["block"], one["chunk"]))[:20],
-        **_summary(layers, task.outline),
+        **_summary(layers, task.outline, [block for blocks in survey.unseen.values() for block in blocks]),
         "file": str(file) if file else None,
         "unseen": survey.unseen,
     }
 
 
-def _summary(layers: dict[str, np.ndarray], outline: SweepOutline) -> dict[str, Any]:
-    """Return the numbers of cells and regimes; shares and regimes are those of the plane, without repeats."""
+def _summary(layers: dict[str, np.ndarray], outline: SweepOutline, unseen: Sequence[int]) -> dict[str, Any]:
+    """Return the numbers of cells and regimes; shares and regimes are those of the plane, without repeats.
+
+    They are those of the cells that are not in `unseen` blocks.
+    """
     tests, plane = layers["tested"].sum(axis=0), outline.plane_cells
     latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))]
     counts = np.bincount(latest[:plane][tests[:plane] > 0], minlength=len(REGIMES))
     lengths = transient_lengths(layers["regime"], layers["transient"])
     found = Reliability.of(outline.shape, latest, lengths, tests == outline.chunks)
-    helmholtz = lengths[:plane] > 0
+    helmholtz, seen = lengths[:plane] > 0, ~outline.planned.cells_of(unseen)[:plane]
     return {
         "cells": int(np.count_nonzero(tests)),
-        "helmholtz_fraction": float(helmholtz.mean()),
+        "helmholtz_fraction": float(helmholtz[seen].mean()) if seen.any() else 0.0,
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
         **({"repeats": found.findings(outline.repeats, helmholtz.reshape(outline.shape))} if found else {}),
     }

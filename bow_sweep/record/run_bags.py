@@ -210,14 +210,17 @@ def read_run(
 def unseen_in_words(unseen: Mapping[str, Sequence[int]]) -> Iterator[str]:
     """Yield a line for each station whose bag is not here; `unseen` as of :class:`RunSurvey`."""
     for station, blocks in sorted(unseen.items()):
-        yield f"not seen: {len(blocks)} blocks of {in_words(station)}, whose bag is not here; `bow collect` brings it"
+        what = f"{len(blocks)} block{'s' * (len(blocks) != 1)} of {in_words(station)}"
+        yield f"not seen: {what}, whose bag is not here; `bow collect` brings it"
 
 
 def in_words(station: str) -> str:
     """Return how a station is called."""
     if station == UNKNOWN:
         return "a station that no ledger here names"
-    return f"station {station}" if station else "the coordinator's machine"
+    if not station:
+        return "the coordinator's machine"
+    return station if station.startswith("station") else f"station {station}"
 
 
 def _after(progress: Progress, before: float, total: float) -> Progress:

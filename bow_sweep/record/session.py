@@ -277,8 +277,10 @@ class Session:
             self._answers = []
             self._add("receipts", message, now)
         self.bag.commit()
-        if self._disk is not None and whole:
-            self._disk.ask(whole)
+        if self._disk is not None:
+            self._disk.wrote(self.bag.take_bulk())
+            if whole:
+                self._disk.ask(whole)
         return message
 
     def repeat_receipts(self) -> None:

@@ -30,7 +30,7 @@ def name_of(role: str) -> str:
 
 def recorder_of(station: str) -> str:
     """Return the role of a station's recorder: each station has one that records into a bag of its own."""
-    return f"recorder.{station}" if station else "recorder"
+    return f"recorder-{station}" if station else "recorder"
 
 
 def take(directory: Path, role: str) -> int:
