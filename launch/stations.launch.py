@@ -51,7 +51,7 @@ def stations(context: LaunchContext) -> List[LaunchDescriptionEntity]:
     ssh = ["ssh", "-tt", "-o", "BatchMode=yes"]  # with a terminal, so that the station ends with its ssh
     return [
         ExecuteProcess(cmd=[*ssh, host, shlex.join([value["program"], "station", name, *options])], output="screen")
-        for host, name in zip(hosts, names)
+        for host, name in zip(hosts, names, strict=True)
     ]
 
 
