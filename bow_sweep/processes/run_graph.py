@@ -12,6 +12,7 @@ from pathlib import Path
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.inspected import spread_cells
+from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
@@ -58,6 +59,7 @@ def run_graph(
     screen: Screen | None = None,
     sync: bool = True,
     lock: bool = True,
+    stations: int = 1,
 ) -> list[Path]:
     """Run a graph until the run in `directory` is finished.
 
@@ -81,6 +83,8 @@ def run_graph(
         A block is done only when it is on the disk.
     lock
         Lock the run directory.
+    stations
+        Number of stations among which the simulators are divided, see :mod:`bow_sim.protocol.stations`.
 
     Returns
     -------
@@ -109,25 +113,28 @@ def run_graph(
     if screen is not None and screen.uri:
         parameters["dashboard"]["connect"] = screen.uri
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
+    places = numbered(stations)
     finished = False
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
             with interrupts.immediate():
                 supervisor.load(MODULES["recorder"])
-            supervisor.start("recorder")
+            for station in places:
+                supervisor.start("recorder", station)
             if dashboard:  # it has much to import, and does that on another core
                 supervisor.start("dashboard")
             with interrupts.immediate():
                 load_compiled(sweep)
                 supervisor.load(*(MODULES[role] for role in ("coordinator", "classifier", "simulator")), *AT_END)
             supervisor.start("coordinator")
-            supervisor.start("classifier")
+            for station in places:
+                supervisor.start("classifier", station)
             for number in range(simulators):
                 if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
                     time.sleep(BETWEEN_S)
                     interrupts.check()
-                supervisor.start("simulator")
+                supervisor.start("simulator", places[number % stations])
             # Imported here because it loads ROS, which the supervisor must do itself before it forks.
             from bow_sweep.processes.supervisor_node import watch
 
@@ -138,7 +145,7 @@ def run_graph(
             killed = supervisor.stop(idle=finished)
             gc.enable()
             if killed:
-                display.print_line(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
+                display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")
     return supervisor.left_out
 
 

@@ -66,6 +66,7 @@ def session(tmp_path: Path):
     made.abandon()
 
 
+@pytest.mark.alone
 def test_a_block_is_receipted_when_the_disk_has_it_and_messages_are_taken_meanwhile(session, monkeypatch) -> None:
     disk = Disk(monkeypatch)
     send(session, 0)
