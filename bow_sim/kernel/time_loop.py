@@ -320,7 +320,7 @@ def build(version: int) -> Any:
                     states |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
                     v = pull_hair(hair, base, push, v_h, v_b - s)
                     waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
-                    waves = waves + of_body(bridge.body, u) + state_of(law, base)
+                    waves = waves + of_body(bridge.body, u * LANES, push) + state_of(law, base, push)
                     _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
                 row = group * (bridge.length + bridge.guard) + first
                 _write(bridge.ring, row * LANES, steps, bridge_force, base, t0)
