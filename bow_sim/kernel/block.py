@@ -301,7 +301,8 @@ class Block:
         if r.tail:
             one = np.ones(self._count)
             gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
-            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None)
+            used = np.full(self._groups, True)
+            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, used)
         return Side(
             taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
             last=np.full(self._groups, r.first + len(r.taps) - 1),
@@ -315,14 +316,15 @@ class Block:
         """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
-        taps, last = self._windows([(r.first, r.taps) for r in each])
+        taps, last = self._windows([(r.first, r.taps) for r in each], even=True)
         tails, tail_last = self._windows([(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each])
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
+        used = gain.reshape(-1, LANES).any(axis=1)
         return Side(
             taps=taps,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
-            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
+            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, used),
             body=None,
             **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
         )
@@ -332,11 +334,14 @@ class Block:
         samples = self.parameters.chunk_samples
         return side_of(same * self._count if len(same) == 1 else same, chunks_ahead(self._count, samples) * samples)
 
-    def _windows(self, functions: list[tuple[int, tuple[float, ...]]]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    def _windows(
+        self, functions: list[tuple[int, tuple[float, ...]]], even: bool = False
+    ) -> tuple[NDArray[Any], NDArray[np.int64]]:
         """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8), and each group's greatest lag."""
         first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
         last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
         size = int((last - first.min(axis=1)).max()) + 1
+        size += even and size % 2
         table: NDArray[Any] = aligned((self._groups, size, LANES), self._dtype)
         for i, (lag, taps) in enumerate(functions):
             group, lane = divmod(i, LANES)
