@@ -7,11 +7,9 @@ are polynomials: every operation is exactly rounded and none is fused. They are 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from bow_sim.simd.jit import part
-
-_LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+from bow_sim.simd.options import LEAN
 
 _LN2 = 0.6931471805599453
 _LN2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
@@ -22,7 +20,7 @@ _MOST = 700.0
 """exp(x) is computed as that of the nearest x in -_MOST ... _MOST."""
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def exp(x):
     """Return e**x."""
     x = min(_MOST, max(-_MOST, x))
@@ -34,7 +32,7 @@ def exp(x):
     return math.ldexp(total, int(k))
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def log(x):
     """Return the natural logarithm of x > 0."""
     m, k = math.frexp(x)
@@ -47,7 +45,7 @@ def log(x):
     return k * _LN2 + 2.0 * s * total
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def turn(x):
     """Return cosine and sine of x, in radians, -2 pi ... 2 pi."""
     h = x / 16.0

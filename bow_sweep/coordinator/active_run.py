@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from bow_sim.protocol.states import PlanState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.results import writing
@@ -15,6 +13,10 @@ from bow_sweep.coordinator.session_events import ResultsWritten
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
+
+MAP_CELLS_PER_S = 250_000
+"""Cells of the maps that are published in a second, at most: maps of more than 50,000 cells go out less often than
+5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
 
 
 @dataclass
@@ -41,6 +43,8 @@ class ActiveRun:
         What came of writing map and picture; None before that.
     plan, plan_at
         The latest plan that was published, and when.
+    map_at
+        When the latest map was published.
     """
 
     run: Run
@@ -54,6 +58,7 @@ class ActiveRun:
     results: ResultsWritten | None = None
     plan: bytes = b""
     plan_at: float = 0.0
+    map_at: float = float("-inf")
     _published_tests: int = field(default=-1, init=False)
 
     def __post_init__(self) -> None:
@@ -75,12 +80,16 @@ class ActiveRun:
             values["classifier"] == run.sweep.thresholds.hash
             and block < run.blocks.count
             and values["chunk"] < run.sweep.chunks
-            and np.array_equal(values["cells"], run.blocks.block(block))
+            and values["cells"].tobytes() == run.blocks.block(block).tobytes()
         )
 
     def plan_message(self, coordinator: str) -> bytes:
         """Return the Plan; `coordinator` is an incarnation."""
         return messages.plan_message(self.run, PlanState.CLOSED if self.is_closing else PlanState.OPEN, coordinator)
+
+    def is_map_due(self, now: float) -> bool:
+        """Return whether a map of this size may be published again while the run is open."""
+        return now - self.map_at >= self.run.sweep.cells / MAP_CELLS_PER_S
 
     def new_map(self) -> dict[str, Any] | None:
         """Return the fields of a BasinMap; None if it has no more tests than at the call before."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,7 @@ from bow_sweep.coordinator.session_events import (
     GoalRefused,
     HealthReceived,
     Instruction,
+    ListenTo,
     Log,
     Publish,
     PublishFeedback,
@@ -68,6 +71,9 @@ or Foxglove. The state of all nodes is on /diagnostics, once a second.
 """
 
 DIAGNOSTICS_S = 1.0
+
+PREPARE_S = 10.0
+"""At the end the thread that imports libraries has this long to finish."""
 
 
 class CoordinatorNode(BowNode):
@@ -121,8 +127,8 @@ class CoordinatorNode(BowNode):
         self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._chooser = CellChooser(self, lambda: self._session.run)
-        self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
-        self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
+        self._listening: set[str] = set()
+        self._listen_to("")
         self._server = ActionServer(
             self,
             RunSweep,
@@ -144,8 +150,9 @@ class CoordinatorNode(BowNode):
                 given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        self._preparing: threading.Thread | None = None
         if given is None:
+            prepare()
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
             self._handle(given)
@@ -170,8 +177,16 @@ class CoordinatorNode(BowNode):
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
         return RunGiven(Run.create(directory.absolute(), identity, sweep, self._locks))
 
+    def _prepare(self) -> None:
+        """Import what the results need in a thread, while the first blocks are computed: no block waits for that."""
+        if self._preparing is None:
+            self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
+            self._preparing.start()
+
     def close(self) -> None:
         """Release the run directory."""
+        if self._preparing is not None:
+            self._preparing.join(PREPARE_S)  # Python must not end while a thread imports
         self._chooser.close()
         self._session.close()
 
@@ -183,11 +198,22 @@ class CoordinatorNode(BowNode):
             self._chooser.show_again(message.incarnation, message.run_id)
         self._handle(HealthReceived(message, neighbour))
 
-    def _on_receipt(self, data: bytes) -> None:
-        self._handle(ReceiptReceived(data))
+    def _listen_to(self, station: str) -> None:
+        """Subscribe to what recorder and classifier of a station answer."""
+        if station not in self._listening:
+            self._listening.add(station)
+            below = f"{station}/" if station else ""
+            for kind, topic, take in (
+                (Receipt, "receipts", self._on_receipt),
+                (Verdicts, "verdicts", self._on_verdicts),
+            ):
+                self.create_subscription(kind, f"{below}{topic}", partial(take, station), STREAM, raw=True)
 
-    def _on_verdicts(self, data: bytes) -> None:
-        self._handle(VerdictsReceived(data))
+    def _on_receipt(self, station: str, data: bytes) -> None:
+        self._handle(ReceiptReceived(data, station))
+
+    def _on_verdicts(self, station: str, data: bytes) -> None:
+        self._handle(VerdictsReceived(data, station))
 
     def _on_accepted(self, goal: Any) -> None:
         key = bytes(goal.goal_id.uuid)
@@ -243,6 +269,8 @@ class CoordinatorNode(BowNode):
                 self._publish(topic, data)
                 if topic == "plan":
                     self.log_run(cdr.decode("Plan", data))
+            case ListenTo(station):
+                self._listen_to(station)
             case PublishMap(values):
                 self._map.publish(cdr.encode("BasinMap", values))
                 self._image.publish(image_message(values, self.wall_time()))
@@ -255,6 +283,8 @@ class CoordinatorNode(BowNode):
                 self._goals.pop(goal).execute()
             case SetState(state, detail, run_id):
                 self.set_state(state, detail, run_id)
+                if state == Health.BUSY:
+                    self._prepare()
             case Log("error", line):  # rclpy wants one line of code for each severity
                 self.get_logger().error(line)
             case Log("warning", line):
