@@ -52,6 +52,18 @@ def test_kernel_and_peaks_give_figures_for_the_table(monkeypatch: pytest.MonkeyP
     assert all(case["ns"] > 0 and case["plain_ns"] > 0 for case in cases.values())
     assert all(one["of_fma_peak"] > 0 and one["of_bound"] > 0 for one in peaks["kernels"].values())
     assert peaks["kernels"].keys() == set(CASES)
+    shares = [row.value for row in report.rows({"peak": peaks}) if row.section == "kernel against the peak"]
+    assert shares == [f"share of the arithmetic bound {one['of_bound']:.0%}" for one in peaks["kernels"].values()]
+
+
+def test_each_kernel_stands_beside_an_earlier_one_that_was_measured_elsewhere() -> None:
+    earlier = report.read(report.BASELINE)["kernel"]
+    assert earlier["cases"].keys() <= kernel.CASES.keys()
+    cases = {name: {"cells": 128, "ns": 1.0} for name in kernel.CASES}
+    for row, name in zip(report.rows({"kernel": cases}), cases, strict=True):
+        assert (f"d42a378 on {earlier['machine']}: " in row.beside) == (name in earlier["cases"])
+        if name in earlier["cases"]:
+            assert f"{earlier['cases'][name]['ns']:.2f} ns" in row.beside
 
 
 def test_stk_is_left_out_with_a_message_where_it_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +152,7 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
     report.write_page(result, page)
     text = page.read_text()
     for words in (
-        "22.0 ns: 5.5 times",
+        "22.0 ns: 5.5 times; d42a378 on",
         "libstk-dev is not here",
         "no room",
         "| recorder | CPU 1.00 s |",
