@@ -46,17 +46,20 @@ lint: setup-tests
 types: setup-tests
 	$(VENV)/mypy
 
-# Tests that only compute run two at a time. With ARGS there may be none of a kind (5).
-PYTEST := $(VENV)/python -m pytest
+# Tests run two at a time, those of a file in one process; what is marked alone comes afterwards. With ARGS there may be
+# none of a kind (5).
+PYTEST := $(VENV)/python -m pytest --durations 20 --durations-min 5
+TWO := --numprocesses 2 --dist loadfile
 NONE := $(if $(ARGS),|| test $$? = 5)
 
 test-fast: lint types
-	$(PYTEST) -m "side_by_side and not full" --numprocesses 2 --dist loadfile $(ARGS) $(NONE)
-	$(PYTEST) -m "not side_by_side and not full" $(ARGS) $(NONE)
+	$(PYTEST) -m "not full and not alone" $(TWO) $(ARGS) $(NONE)
+	$(PYTEST) -m "not full and alone" $(ARGS) $(NONE)
 
 # The fast tier first, so that what is simply broken shows in a minute.
 test: test-fast
-	$(PYTEST) -m full $(ARGS) $(NONE)
+	$(PYTEST) -m "full and not alone" $(TWO) $(ARGS) $(NONE)
+	$(PYTEST) -m "full and alone" $(ARGS) $(NONE)
 
 bench: setup-tests
 	$(VENV)/python -m bench $(ARGS)

@@ -24,6 +24,7 @@ from bow_sweep.study.over import Over, over_of
 from bow_sweep.study.plan import Study as Plan
 from bow_sweep.study.plan import short
 from bow_sweep.study.report import Report, contents, measured, read_runs, text
+from bow_sweep.study.usual import overs_of
 
 if TYPE_CHECKING:
     import xarray
@@ -33,7 +34,10 @@ if TYPE_CHECKING:
 OverGiven = Mapping[str, "str | Sequence[object]"] | Iterable[str]
 
 LAYERS = ("transient_periods", "regime", "terrain", "count", "flattening", "regressions", "simulated")
-"""Layers of a map in the dataset of a study; those of every test are in the maps themselves."""
+"""Layers of a map in the dataset of a study, unless those of every test are asked for."""
+
+LAST = "the layers are those of the last test; s.dataset(tests=True) and s.to_netcdf(path, tests=True) have all tests"
+ALL = "the layers are those of all tests, and of the last one"
 
 
 class Study:
@@ -113,8 +117,8 @@ class Study:
     def ds(self) -> xarray.Dataset:
         """All maps as one xarray.Dataset, with a dimension for each further parameter.
 
-        It has the layers of the last test, and every measure of playability with its error. The layers of all tests
-        are in ``s.at(...).ds``.
+        It has the layers of the last test, as its attribute `tests` says, and every measure of playability with its
+        error.
 
         Raises
         ------
@@ -123,10 +127,24 @@ class Study:
         ValueError
             Where the maps are not of one plane.
         """
-        return _dataset(self)
+        return self.dataset()
 
-    def to_netcdf(self, path: str | Path) -> Path:
+    def dataset(self, *, tests: bool = False) -> xarray.Dataset:
+        """Return `ds`, with `tests` also the layers of every test, along a dimension `test`: some 30 times as much.
+
+        Raises
+        ------
+        MissingLibrary
+            Where xarray is not installed; it is an ImportError.
+        ValueError
+            Where the maps are not of one plane, or, with `tests`, not tested at the same times.
+        """
+        return _dataset(self, tests)
+
+    def to_netcdf(self, path: str | Path, *, tests: bool = False) -> Path:
         """Write `ds` as a netCDF 4 file; return its path. Readers see the old or the whole new file.
+
+        With `tests` the file has the layers of every test too, see :meth:`dataset`.
 
         Raises
         ------
@@ -138,9 +156,10 @@ class Study:
         library("h5netcdf", "a netCDF file")
         place = Path(path)
         aside = place.with_name(f".{place.name}.part")
-        packed = {name: PACKED for name, values in self.ds.data_vars.items() if values.dtype.kind in "iufb"}
+        ds = self.dataset(tests=True) if tests else self.ds
+        packed = {name: PACKED for name, values in ds.data_vars.items() if values.dtype.kind in "iufb"}
         try:
-            self.ds.to_netcdf(aside, engine="h5netcdf", encoding=packed)
+            ds.to_netcdf(aside, engine="h5netcdf", encoding=packed)
             os.replace(aside, place)
             sync_directory(place.parent)
         finally:
@@ -188,7 +207,7 @@ def study(
         Name of a preset, as of `bow sweep`.
     over
         Further parameters: a mapping from name to values, or to a text as in ``{"mu_s": "0.6:1.2:4"}``; or texts as
-        after `bow study --over`.
+        after `bow study --over`, where a name alone stands for values along its usual axis.
     nx, ny, x, y, settings, workers, progress, **parameters
         As for :func:`bow.sweep`; they hold for all maps.
 
@@ -198,7 +217,7 @@ def study(
         For a map that cannot be computed; names the setting, its value and what would be right. It is a ValueError.
     """
     given = given_settings(nx, ny, x, y, settings, parameters)
-    plan = Plan(preset, tuple(given), tuple(_overs(over)))
+    plan = Plan(preset, tuple(given), _overs(preset, given, over))
     members = plan.members
     maps, runs = [], {}
     for number, member in enumerate(members, 1):
@@ -259,18 +278,16 @@ def open_any(path: str | Path) -> Any:
 # ---- parameters
 
 
-def _overs(given: OverGiven) -> list[Over]:
-    if isinstance(given, str):
-        return [over_of(given)]
+def _overs(preset: str, settings: Sequence[str], given: OverGiven) -> tuple[Over, ...]:
     if not isinstance(given, Mapping):
-        return [over_of(each) for each in given]
+        return overs_of(preset, settings, [given] if isinstance(given, str) else list(given))
     found = []
     for name, values in given.items():
         if isinstance(values, str):
             found.append(over_of(f"{name}={values}"))
             continue
         found.append(Over(name, tuple(written(name, value) for value in values)))
-    return found
+    return tuple(found)
 
 
 def _values(over: Over) -> list[float | str]:
@@ -294,8 +311,8 @@ def _floats(values: Iterable[float | None]) -> np.ndarray:
 # ---- xarray
 
 
-def _dataset(of: Study) -> xarray.Dataset:
-    from bow.dataset import dataset
+def _dataset(of: Study, tests: bool) -> xarray.Dataset:
+    from bow.dataset import TEST, dataset
 
     xr = library("xarray", "s.ds")
     first = of.maps[0].file
@@ -305,10 +322,12 @@ def _dataset(of: Study) -> xarray.Dataset:
             np.array_equal(one.x, other.x) and np.array_equal(one.y, other.y)
         ):
             raise ValueError("the maps are of different planes, which are no dataset together; see each map's own")
+        if tests and not np.array_equal(one.test_periods, other.test_periods):
+            raise ValueError("the maps are tested at different times, so that their tests have no dimension together")
     maps = [dataset(each) for each in of.maps]
     dimensions = [f"over_{name}" if name in maps[0].variables else name for name in of.parameters]
     variables: dict[str, Any] = {}
-    for name in LAYERS:
+    for name in dict.fromkeys([*LAYERS, *(maps[0].data_vars if tests else ())]):
         if all(name in each for each in maps):
             stacked = np.stack([each[name].values for each in maps])
             whole = stacked.reshape(*of.shape, *stacked.shape[1:])
@@ -329,10 +348,10 @@ def _dataset(of: Study) -> xarray.Dataset:
         dimension: (dimension, np.array(values), {"long_name": name})
         for dimension, (name, values) in zip(dimensions, of.parameters.items(), strict=True)
     }
-    plane = {name: maps[0].coords[name] for name in maps[0][LAYERS[0]].dims}
+    plane = {name: maps[0].coords[name] for name in (*maps[0][LAYERS[0]].dims, *([TEST] if tests else []))}
     same = {
         name: value
         for name, value in maps[0].attrs.items()
         if all(name in each.attrs and np.array_equal(each.attrs[name], value) for each in maps)
     }
-    return xr.Dataset(variables, coordinates | plane, same)
+    return xr.Dataset(variables, coordinates | plane, same | {"tests": ALL if tests else LAST})

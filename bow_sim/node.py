@@ -50,7 +50,8 @@ usage: ros2 run bow simulator [--ros-args -r __node:=NAME -r __ns:=/bow/RUN -p c
 
 Simulates blocks of bowed strings for a sweep. Start as many as there are cores, here or on other machines, each under a
 name of its own; each joins the pool of the coordinator in its namespace (default /bow) by its heartbeat on `health`.
-It takes work once the recorder and the classifier of that namespace receive its streams.
+It takes work once the recorder and the classifier of that namespace receive its streams. In the namespace /bow/RUN/NAME
+with -p station:=NAME it belongs to the station NAME of the run, which has a recorder and a classifier of its own.
 """
 
 CHECK_S = 0.1
@@ -88,10 +89,10 @@ class SimulatorNode(BowNode):
         self._publishing = threading.Lock()  # of the publishers of the streams
         self._streams: list[Publisher] = []
         self._create_publishers()
-        self._inspect = self.create_publisher(InspectedCell, "inspect", INSPECT)
+        self._inspect = self.create_publisher(InspectedCell, self.topic("inspect"), INSPECT)
         self.subscribe_plan(lambda plan, _: self._on_plan(PlanReceived(plan)))
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
-        self.create_subscription(Block, "blocks", self._on_block, WORK, raw=True)
+        self.create_subscription(Block, self.topic("blocks"), self._on_block, WORK, raw=True)
         self.every(CHECK_S, self._check_readers)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
         self._worker.start()

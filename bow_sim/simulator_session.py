@@ -187,6 +187,10 @@ class SimulatorSession:
             return
         if key in self.held:
             return
+        if not message["attempt"] and not len(message["cells"]):  # it only says that older epochs are over
+            if (message["run_id"], message["sweep_id"]) == self.run:
+                self._enter_epoch(message["epoch"])
+            return
         try:
             request = self._accept(message)
         except ValueError as error:  # ParameterError is one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,12 +15,8 @@ from domains import own_domain
 
 ROOT = Path(__file__).resolve().parent.parent
 
-SIDE_BY_SIDE = (
-    *("sim/figures", "sim/kernel", "sim/physics", "sim/protocol", "sim/simd"),
-    *("classifier/features", "classifier/verdict"),
-    *("sweep/cell", "sweep/figures", "sweep/maps", "sweep/paper", "sweep/plan"),
-)
-"""Folders whose tests only compute: they start no processes of ours, and can run beside each other."""
+# Whatever PYTHONDONTWRITEBYTECODE is, pytest keeps what it makes of the tests' sources: a third of a collection's time.
+sys.dont_write_bytecode = False
 
 # Before anything imports rclpy: a middleware or a reach from the caller's shell would test something else.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -31,14 +28,6 @@ os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-stat
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long anything takes is not tested
 hypothesis.settings.load_profile("untimed")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that may run at the same time as others like them."""
-    folders = [ROOT / "tests" / name for name in SIDE_BY_SIDE]
-    for item in items:
-        if any(folder in item.path.parents for folder in folders) and not item.get_closest_marker("full"):
-            item.add_marker("side_by_side")
 
 
 @pytest.fixture(scope="session")

@@ -12,9 +12,9 @@ from __future__ import annotations
 import functools
 import hashlib
 from pathlib import Path
-from typing import Any
 
 from bow_sim import simd
+from bow_sim.simd import options
 
 HERE = (
     "chunk_pass",
@@ -33,7 +33,10 @@ HERE = (
 )
 SOURCES = (
     *(Path(__file__).parents[1] / f"{name}.py" for name in HERE),
-    *(Path(simd.__path__[0]) / f"{name}.py" for name in ("columns", "elementary", "jit", "lanes", "parts", "rows")),
+    *(
+        Path(simd.__path__[0]) / f"{name}.py"
+        for name in ("columns", "elementary", "jit", "lanes", "options", "parts", "rows")
+    ),
 )
 """Files that decide a verdict; a test finds one that is missing."""
 
@@ -50,5 +53,5 @@ def source_hash() -> str:
 VERSION = int(source_hash()[:15], 16)
 """The hash as a number of 60 bits, for the cached function to close over."""
 
-LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
-"""Numba's options for the functions that are called for every cell: reference counts would take a fifth of the time."""
+LEAN = options.LEAN
+"""Numba's options for the functions that are called for every cell."""

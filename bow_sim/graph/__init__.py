@@ -5,6 +5,7 @@ node_process  one node as a process, from its start until Ctrl-C
 run_log       what a node says of a run in its log
 outbox        messages that must all be published, in order, also while a subscriber hangs
 discovery     on which machines nodes find each other: this one, unless the user names more
+exposure      whether a network would open the graph to the whole internet
 diagnosis     what may keep nodes from receiving each other's messages
 environment   what a process inherits from its caller: files, signals, variables
 process_stat  what the kernel reports of a process

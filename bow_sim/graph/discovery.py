@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bow_sim.config_files import find_config
+from bow_sim.graph.exposure import objection, own_addresses
 
 RANGE, PEERS, SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"
 PROFILE, DATA_SHARING = "FASTRTPS_DEFAULT_PROFILES_FILE", "RMW_FASTRTPS_USE_QOS_FROM_XML"
@@ -38,7 +39,7 @@ _HOST = re.compile(r"[0-9A-Za-z]([0-9A-Za-z.-]*[0-9A-Za-z])?")
 
 
 class NetworkError(ValueError):
-    """The name of a machine that does not exist; the text says which, and what would be right."""
+    """A machine that does not exist, or a network that is open to all; the text says which, and what would be right."""
 
 
 def goes_beyond(environment: Mapping[str, str]) -> bool:
@@ -80,35 +81,50 @@ def find_profile(name: str) -> Path | None:
     return find_config(name)
 
 
-def variables_for(network: str) -> dict[str, str]:
+def variables_for(network: str, trusted: bool = False) -> dict[str, str]:
     """Return the variables that ``--network WHERE`` stands for.
 
     Parameters
     ----------
     network
         "SUBNET", or the names or IPv4 addresses of other machines, separated by commas.
+    trusted
+        Whether the user has said that public addresses are all right.
 
     Raises
     ------
     NetworkError
-        If a machine is not known.
+        If a machine is not known; or if it, or this one, has a public address and that is not `trusted`.
     """
-    if network.upper() == SUBNET:
-        return {RANGE: SUBNET}
-    hosts = [host.strip() for host in network.split(",")]
+    hosts = [] if network.upper() == SUBNET else [host.strip() for host in network.split(",")]
+    peers = []
     for host in hosts:
         try:
             if not _HOST.fullmatch(host):
                 raise OSError("not the name of a machine")
-            socket.getaddrinfo(host, None, socket.AF_INET)
+            found = socket.getaddrinfo(host, None, socket.AF_INET)
         except OSError as error:
             reason = error.strerror or error
             raise NetworkError(f"{host!r}: {reason}; should be SUBNET, or machines: 10.0.0.2,10.0.0.3") from None
-    return {RANGE: LOCALHOST, PEERS: ";".join(hosts)}
+        peers += [(host, str(address[0])) for *_, address in found]
+    why = "" if trusted else objection(peers, own_addresses())
+    if why:
+        raise NetworkError(why)
+    return {RANGE: LOCALHOST, PEERS: ";".join(hosts)} if hosts else {RANGE: SUBNET}
 
 
 def join_command(namespace: str, environment: Mapping[str, str]) -> str:
     """Return the command that starts a simulator on another machine, for the graph in `namespace`."""
+    return " ".join([*_join_variables(environment), "bow", "simulator", "--ros-args", "-r", f"__ns:={namespace}"])
+
+
+def station_command(run_id: str, environment: Mapping[str, str]) -> str:
+    """Return the command that starts a station on another machine; `NAME` is for the user to choose."""
+    return " ".join([*_join_variables(environment), "bow", "station", "NAME", "--run", run_id])
+
+
+def _join_variables(environment: Mapping[str, str]) -> list[str]:
+    """Return the variables with which another machine reaches the graph of this one."""
     words = []
     if environment.get(SERVER):
         words += [f"{SERVER}={environment[SERVER]}", "ROS_SUPER_CLIENT=TRUE"]
@@ -118,7 +134,7 @@ def join_command(namespace: str, environment: Mapping[str, str]) -> str:
         words.append(f"{RANGE}={environment.get(RANGE, SUBNET)}")
     if environment.get(DOMAIN):
         words.append(f"{DOMAIN}={environment[DOMAIN]}")
-    return " ".join([*words, "bow", "simulator", "--ros-args", "-r", f"__ns:={namespace}"])
+    return words
 
 
 def _own_address(peer: str) -> str:

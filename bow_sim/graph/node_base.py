@@ -25,6 +25,13 @@ from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import HELLO_S, UNCONFIRMED_S, AwakeClock, Neighbour, Neighbours
+from bow_sim.protocol.stations import (
+    STATION_ROLES,
+    STATION_TOPICS,
+    StationError,
+    run_namespace_of,
+    station_of,
+)
 
 RCLError = rclpy_implementation.RCLError
 
@@ -83,6 +90,9 @@ class BowNode(Node):
         Random, new at every start: shows others that this node has lost its state.
     health
         The next heartbeat. Subclasses count messages, bytes, duplicates and ignored messages in its fields.
+    station, run_namespace
+        The station of this node, see :mod:`bow_sim.protocol.stations`, and the namespace of the run: that of the node
+        unless the station has a name.
     neighbours
         The other nodes of the namespace.
     authority
@@ -105,6 +115,7 @@ class BowNode(Node):
         self, role: str, name: str | None = None, namespace: str = NAMESPACE, context: Context | None = None
     ) -> None:
         super().__init__(name or role, namespace=namespace, context=context)
+        self.station, self.run_namespace = self._place(role)
         self.incarnation = random_id()
         self.health = Health(
             role=role,
@@ -122,10 +133,33 @@ class BowNode(Node):
         self._logged = False
         self._said = ""
         self._run_log = RunLog(self.says_ends)
-        self._health_publisher = self.create_publisher(Health, "health", LATCHED)
-        self.create_subscription(Health, "health", self._take_health, LATCHED_DEEP)
+        self._health_publisher = self.create_publisher(Health, self.topic("health"), LATCHED)
+        self.create_subscription(Health, self.topic("health"), self._take_health, LATCHED_DEEP)
         self.every(CHECK_S, self._publish_health_when_due)
         self.publish_health()
+
+    def _place(self, role: str) -> tuple[str, str]:
+        """Return station and run namespace of this node; only nodes of some roles are in a station with a name."""
+        if role not in (*STATION_ROLES, "supervisor"):
+            return "", self.get_namespace()
+        what = "station that this node belongs to; its namespace ends with this name then; empty = the one without one"
+        station = self.read_parameter("station", "", what)
+        try:
+            return station, run_namespace_of(self.get_namespace(), station)
+        except StationError as error:
+            raise StartupError(str(error)) from None
+
+    def topic(self, name: str) -> str:
+        """Return the name of a topic for this node: a station has its own streams, and shares the others."""
+        is_own = not self.station or name in STATION_TOPICS or name.startswith("/")
+        return name if is_own else f"{self.run_namespace.rstrip('/')}/{name}"
+
+    def concerns(self, role: str, node: str) -> bool:
+        """Return whether this node works with another: nodes of other stations are the business of the run's nodes."""
+        if not self.station and self.health.role not in STATION_ROLES:
+            return True
+        there = station_of(node, self.run_namespace) or ""
+        return there == self.station or (not there and role not in STATION_ROLES)
 
     def every(self, seconds: float, do: Callable[[], None]) -> None:
         """Call `do` periodically, by the steady clock: with use_sim_time the clock of ROS may stand still."""
@@ -186,7 +220,7 @@ class BowNode(Node):
                 take(plan, data)
                 self.log_run(plan)
 
-        self.create_subscription(Plan, "plan", on_plan, LATCHED_DEEP, raw=True)
+        self.create_subscription(Plan, self.topic("plan"), on_plan, LATCHED_DEEP, raw=True)
 
     # ---- the log
 
@@ -286,7 +320,7 @@ class BowNode(Node):
         return known is not None and alive and known.is_live and known.run_id == run_id
 
     def _take_health(self, message: Health) -> None:
-        if message.incarnation == self.incarnation:
+        if message.incarnation == self.incarnation or not self.concerns(message.role, message.node):
             return
         if self.neighbours.is_old(message):
             self.health.ignored += 1
@@ -297,6 +331,7 @@ class BowNode(Node):
             self.health.node,
             (self.health.started.sec, self.health.started.nanosec),
             self.health.role in UNIQUE_ROLES,
+            among=[neighbour] if neighbour else [],
         )
         if rival is not None and not self.finished:
             self._end_because_of(rival)

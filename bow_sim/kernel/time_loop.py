@@ -22,7 +22,7 @@ from bow_sim.kernel.body import of_body, reflect_at_body
 from bow_sim.kernel.hair import pull_hair, with_hair
 from bow_sim.physics.friction import solve, state_of
 from bow_sim.simd.jit import INLINE, OVERLOAD, njit, overload, part
-from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, spread, store
+from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, signs_of, spread, store
 from bow_sim.simd.rows import fir_of, transpose
 
 STRIDE = 64 // LANES
@@ -277,7 +277,7 @@ def build(version: int) -> Any:
             c_t, c_r = load(share_t, base), load(share_r, base)
             f_end, f_step = load(gesture.f_end, base), load(gesture.f_step, base)
             v_0, v_1 = load(gesture.v_0, base), load(gesture.v_1, base)
-            slips = mask_of(slipping[group])
+            slips = signs_of(mask_of(slipping[group]), c_t)
             zero = c_t * 0.0
             total = zero
             before = np.uint64(0)  # as if sticking: a slip that continues is a new interval in this chunk
@@ -306,7 +306,8 @@ def build(version: int) -> Any:
                     v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
                     v_b = with_hair(hair, base, v_b)
                     d = v_b - v_h
-                    s, slips = solve(law, base, d, f_b, slips)
+                    s, state_now = solve(law, base, d, f_b, slips)
+                    slips = signs_of(state_now, s)
                     push = d - s  # Y f
                     push_t, push_r = c_t * push, c_r * push
                     out_b = in_n + push_t

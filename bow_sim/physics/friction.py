@@ -25,7 +25,7 @@ from bow_sim.physics.cells import Cells
 from bow_sim.physics.friction_curve import Points, parse
 from bow_sim.physics.thermal import Thermal, thermal
 from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
-from bow_sim.simd.lanes import absolute, choose, load, root, store
+from bow_sim.simd.lanes import absolute, choose, load, negative, not_negative, root, store
 
 
 class Hyperbola(NamedTuple):
@@ -69,11 +69,12 @@ def hyperbola(a: Any, limit: Any, slide: Any, d: Any, f_b: Any, slipping: Any) -
         State after this step.
     """
     x = absolute(d)
-    most = f_b * limit
+    below = f_b * limit - x
     h = (a + f_b * slide - x) * 0.5
-    s = root(h * h - a * (most - x)) - h  # NaN without a real root; then s > 0 is false
-    slips = (x > most) | (slipping & (s > 0.0))
-    return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
+    square = h * h - a * below
+    slips = negative(below) | (slipping & negative(h) & not_negative(square))
+    s = root(square) - h
+    return choose(slips, choose(negative(d), -s, s), 0.0), slips
 
 
 class Coulomb(NamedTuple):
@@ -92,9 +93,9 @@ class Coulomb(NamedTuple):
 def coulomb(limit: Any, slide: Any, d: Any, f_b: Any) -> tuple[Any, Any]:
     """Solve string and Coulomb friction for one step; parameters and results as in :func:`hyperbola`."""
     x = absolute(d)
-    slips = x > f_b * limit
+    slips = negative(f_b * limit - x)
     s = x - f_b * slide
-    return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
+    return choose(slips, choose(negative(d), -s, s), 0.0), slips
 
 
 class Curve(NamedTuple):
@@ -136,9 +137,9 @@ def curve(load: Any, speed: Any, unit: Any, points: Any, d: Any, f_b: Any, slipp
     s = at + (x - level) / (k * slope + 1.0)
     s = choose(s < end, s, end)  # where a piece is almost parallel to the line, rounding could lead beyond it
     s = choose(s > at, s, at)
-    slips = (x > most) | (slipping & (s > 0.0))
+    slips = negative(most - x) | (slipping & negative(0.0 - s))
     s = s * unit
-    return choose(slips, choose(d < 0.0, -s, s), 0.0), slips
+    return choose(slips, choose(negative(d), -s, s), 0.0), slips
 
 
 _hyperbola, _coulomb, _thermal, _curve = (part(**INLINE)(law) for law in (hyperbola, coulomb, thermal, curve))

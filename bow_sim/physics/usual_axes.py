@@ -167,7 +167,7 @@ def _own(name: str, key: str, p: Parameters) -> float:
     found = body.modes_of(p)
     if number > len(found):
         has = f"the body has {len(found)} mode{'s'[: len(found) != 1]}"
-        raise ParameterError(f"{key}.name = {name!r}: {has}; set {key}.first and {key}.last for another one")
+        raise ParameterError(f"{key}.name = {name!r}: {has}; give its first and last value")
     mode = found[number - 1]
     if kind == "f":
         return mode.f

@@ -14,6 +14,7 @@ inspected       which cells have their waveforms shown
 blocks          which cells are in which block
 limits          how large a sweep may be
 authority       whose plan a node obeys
+stations        groups of simulators with a recorder and a classifier of their own
 neighbours      which nodes are alive, and which topics work
 flow_control    the chunks that a simulator has sent and that are not answered yet
 """

@@ -212,6 +212,10 @@ class Neighbours:
         found = [known for known in self._known.values() if known.role == role and run_id in (None, known.run_id)]
         return [known for known in found if self.is_alive(known.incarnation, now)]
 
+    def has_role(self, role: str, now: float) -> bool:
+        """Return whether a node of a role is alive; the first that is found is enough."""
+        return any(known.role == role and self.is_alive(each, now) for each, known in self._known.items())
+
     def missing(self, topics: Iterable[tuple[str, str]], run_id: str, now: float, patience: float) -> list[str]:
         """Return, as texts for the user, which readers of this node's topics are missing or do not receive them.
 
@@ -233,12 +237,15 @@ class Neighbours:
                 out.append(f"{readers[0].node} does not hear {topic}")
         return list(dict.fromkeys(out))
 
-    def rival(self, role: str, node: str, started: tuple[int, int], single: bool) -> Neighbour | None:
+    def rival(
+        self, role: str, node: str, started: tuple[int, int], single: bool, among: Iterable[Neighbour] | None = None
+    ) -> Neighbour | None:
         """Return a living node that started before this one and has its role, if that is `single`, or else its name.
 
-        The node that started later has to end.
+        The node that started later has to end. Who asks at every heartbeat need look only `among` the node that sent
+        it, as nothing else changes the answer; None: among all.
         """
-        for other in self._known.values():
+        for other in self._known.values() if among is None else among:
             same = other.role == role if single else other.node == node
             if same and other.is_live and (other.started, other.incarnation) < (started, self._own):
                 return other

@@ -14,6 +14,7 @@ import difflib
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,13 +249,21 @@ def read_values(key: str, value: object, name: str = "") -> tuple[float, ...]:
     return tuple(number for number in numbers if number is not None)
 
 
+@lru_cache(maxsize=16)
+def values_of(axis: Axis) -> NDArray[np.float64]:
+    """Return the values along an axis, (count,), not to be changed: exact rounding takes time, so they are kept."""
+    values = axis.values()
+    values.flags.writeable = False
+    return values
+
+
 def axis_values(x: Axis, y: Axis, cells: NDArray[np.integer]) -> dict[str, NDArray[np.float64]]:
     """Return the values of the parameters of two axes at some cells, repeats included: {x.name: (cells,), y.name: ...}.
 
     A repeat stands at the place of its cell: the index of a cell is iy * nx + ix, and repeats count on from there.
     """
     iy, ix = np.divmod(np.asarray(cells, np.int64) % (x.count * y.count), x.count)
-    return {x.name: x.values()[ix], y.name: y.values()[iy]}
+    return {x.name: values_of(x)[ix], y.name: values_of(y)[iy]}
 
 
 def kinds_of_cells(x: Axis, y: Axis, cells: int) -> NDArray[np.int64] | None:

@@ -1,6 +1,7 @@
 """Eight cells at once: explicit SIMD for Numba, and where compiled code is stored.
 
 jit         Numba's decorators, for every compiled function
+options     options of Numba that several modules share
 parts       functions that only compiled functions call: compiled once, with the whole
 code_cache  where compiled code is stored, and a message while it is compiled
 lanes       eight lanes as one value in compiled code

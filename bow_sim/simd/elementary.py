@@ -7,11 +7,9 @@ are polynomials: every operation is exactly rounded and none is fused. They are 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from bow_sim.simd.jit import part
-
-_LEAN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
+from bow_sim.simd.options import LEAN
 
 _LN2 = 0.6931471805599453
 _LN2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
@@ -22,7 +20,7 @@ _MOST = 700.0
 """exp(x) is computed as that of the nearest x in -_MOST ... _MOST."""
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def exp_parts(x):
     """Return k and r so that e**x is 2**k e**r, r within half of log 2."""
     x = min(_MOST, max(-_MOST, x))
@@ -30,7 +28,7 @@ def exp_parts(x):
     return int(k), (x - k * _LN2_HIGH) - k * _LN2_LOW
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def exp_series(r):
     """Return e**r of a number or of lanes, within half of log 2."""
     total = r / 16.0 + 1.0
@@ -39,21 +37,21 @@ def exp_series(r):
     return total
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def exp(x):
     """Return e**x."""
     k, r = exp_parts(x)
     return math.ldexp(exp_series(r), k)
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def log_parts(x):
     """Return k and m so that x > 0 is 2**k m, m from 0.7 to 1.4."""
     m, k = math.frexp(x)
     return (k - 1, 2.0 * m) if m < 0.7 else (k, m)
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def log_series(k, m):
     """Return the natural logarithm of 2**k m, of numbers or of lanes, m from 0.7 to 1.4."""
     s = (m - 1.0) / (m + 1.0)
@@ -63,13 +61,13 @@ def log_series(k, m):
     return k * _LN2 + s * 2.0 * total
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def log(x):
     """Return the natural logarithm of x > 0."""
     return log_series(*log_parts(x))
 
 
-@part(**_LEAN)
+@part(**LEAN)
 def turn(x):
     """Return cosine and sine of x, in radians, -2 pi ... 2 pi."""
     h = x / 16.0

@@ -46,8 +46,21 @@ class MaskType(types.Type):
         super().__init__(name="Mask")
 
 
+class SignsType(types.Type):
+    """Type of eight truth values in compiled code, each the sign bit of an integer as wide as a lane.
+
+    A `MaskType` is eight single bits. A machine without mask registers makes each of these from the lanes of a
+    comparison and back by a chain of instructions; sign bits stay where the arithmetic put them.
+    """
+
+    def __init__(self, dtype: Any) -> None:
+        self.dtype = dtype
+        super().__init__(name=f"Signs({dtype})")
+
+
 MASK = MaskType()
 LANES_OF: dict[Any, Any] = {types.float64: LanesType(types.float64), types.float32: LanesType(types.float32)}
+SIGNS_OF: dict[Any, Any] = {dtype: SignsType(dtype) for dtype in LANES_OF}
 _ELEMENT = {types.float64: ir.DoubleType(), types.float32: ir.FloatType()}
 _SUFFIX = {types.float64: "f64", types.float32: "f32"}
 
@@ -55,6 +68,24 @@ _SUFFIX = {types.float64: "f64", types.float32: "f32"}
 def vector(lanes: LanesType) -> ir.VectorType:
     """Return LLVM's type of eight lanes."""
     return ir.VectorType(_ELEMENT[lanes.dtype], LANES)
+
+
+def _integers(signs: Any) -> ir.VectorType:
+    """Return LLVM's type of the sign bits of lanes, or of the bits of lanes."""
+    return ir.VectorType(ir.IntType(signs.dtype.bitwidth), LANES)
+
+
+def in_halves(context: Any, lanes: Any) -> bool:
+    """Return whether eight lanes are two registers of the machine that is compiled for."""
+    _, _, features = context.codegen().magic_tuple()
+    return lanes.dtype is types.float64 and "+avx512f" not in features.split(",")
+
+
+def half(builder: Any, value: Any, number: int) -> Any:
+    """Emit code for the lower (0) or upper (1) half of eight lanes."""
+    size = LANES // 2
+    places = ir.Constant(ir.VectorType(ir.IntType(32), size), [number * size + i for i in range(size)])
+    return builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined), places)
 
 
 @register_model(LanesType)
@@ -69,11 +100,18 @@ class _MaskModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), LANES))
 
 
+@register_model(SignsType)
+class _SignsModel(models.PrimitiveModel):
+    def __init__(self, dmm: Any, fe_type: SignsType) -> None:
+        super().__init__(dmm, fe_type, _integers(fe_type))
+
+
 def broadcast(builder: Any, scalar: Any, kind: ir.VectorType) -> Any:
-    """Emit code that repeats a number in eight lanes."""
+    """Emit code that repeats a number in all lanes of a type."""
     nothing = ir.Constant(kind, ir.Undefined)
     first = builder.insert_element(nothing, scalar, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+    places = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
+    return builder.shuffle_vector(first, nothing, places)
 
 
 def pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, element: Any) -> Any:
@@ -146,12 +184,43 @@ def mask_of(typingctx: Any, bits: Any) -> Any:
 
 @intrinsic
 def bits_of(typingctx: Any, mask: Any) -> Any:
-    """Convert a mask to a byte, lane 0 in the lowest bit."""
+    """Convert a mask or signs to a byte, lane 0 in the lowest bit."""
+    byte = ir.IntType(8)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], ir.IntType(8))
+        if mask is MASK:
+            return builder.bitcast(args[0], byte)
+        if not in_halves(context, mask):
+            return builder.bitcast(_is_negative(builder, args[0]), byte)
+        low, high = (
+            builder.zext(builder.bitcast(_is_negative(builder, half(builder, args[0], n)), ir.IntType(4)), byte)
+            for n in (0, 1)
+        )
+        return builder.or_(low, builder.shl(high, byte(LANES // 2)))
 
-    return types.uint8(MASK), codegen
+    return (types.uint8(mask), codegen) if isinstance(mask, (MaskType, SignsType)) else None
+
+
+@intrinsic
+def signs_of(typingctx: Any, mask: Any, like: Any) -> Any:
+    """Convert a mask, or signs, to signs as wide as the lanes `like`."""
+    if not isinstance(like, LanesType) or not (mask is MASK or mask is SIGNS_OF[like.dtype]):
+        return None
+    signs = SIGNS_OF[like.dtype]
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _widened_mask(builder, args[0], mask, signs)
+
+    return signs(mask, like), codegen
+
+
+def _widened_mask(builder: Any, value: Any, kind: Any, signs: SignsType) -> Any:
+    """Emit code that makes signs of a mask, and leaves signs as they are."""
+    return builder.sext(value, _integers(signs)) if kind is MASK else value
+
+
+def _is_negative(builder: Any, integers: Any) -> Any:
+    return builder.icmp_signed("<", integers, ir.Constant(integers.type, [0] * integers.type.count))
 
 
 @intrinsic
@@ -244,10 +313,24 @@ _define_binary(operator.le, lambda builder, a, b: builder.fcmp_ordered("<=", a, 
 
 
 def _define_of_masks(symbol: Any, operation: Callable[[Any, Any, Any], Any]) -> None:
-    def result(a: Any, b: Any) -> Any:
-        return MASK if a is MASK and b is MASK else None
+    """Define an operator for two masks or signs; of one of each it makes signs."""
 
-    _define(symbol, [(MaskType, MaskType)], result, lambda context, builder, signature, args: operation(builder, *args))
+    def result(a: Any, b: Any) -> Any:
+        if not all(isinstance(x, (MaskType, SignsType)) for x in (a, b)):
+            return None
+        signs = {x for x in (a, b) if x is not MASK}
+        return None if len(signs) > 1 else signs.pop() if signs else MASK
+
+    def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        if signature.return_type is not MASK:
+            args = [
+                _widened_mask(builder, x, kind, signature.return_type)
+                for x, kind in zip(args, signature.args, strict=True)
+            ]
+        return operation(builder, *args)
+
+    pairs = [(a, b) for a in (MaskType, SignsType) for b in (MaskType, SignsType)]
+    _define(symbol, pairs, result, emit)
 
 
 _define_of_masks(operator.and_, lambda builder, a, b: builder.and_(a, b))
@@ -263,6 +346,16 @@ def root(x: Any) -> Any:
     """Return the square root of lanes, numbers or arrays; NaN below zero."""
     with np.errstate(invalid="ignore"):
         return np.sqrt(x)
+
+
+def negative(x: Any) -> Any:
+    """Return where lanes, numbers or arrays are below zero; for lanes their sign bits, so of -0 and NaN too."""
+    return x < 0
+
+
+def not_negative(x: Any) -> Any:
+    """Return the opposite of `negative`."""
+    return x >= 0
 
 
 def choose(mask: Any, yes: Any, no: Any) -> Any:
@@ -296,16 +389,34 @@ _define_unary(absolute, _llvm("fabs"))
 _define_unary(root, _llvm("sqrt"))
 
 
+def _define_signs(symbol: Any, operation: Callable[[Any, Any], Any]) -> None:
+    def result(a: Any) -> Any:
+        return SIGNS_OF[a.dtype] if isinstance(a, LanesType) else None
+
+    def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return operation(builder, builder.bitcast(args[0], _integers(signature.return_type)))
+
+    _define(symbol, [(LanesType,)], result, emit)
+
+
+_define_signs(negative, lambda builder, bits: bits)
+_define_signs(not_negative, lambda builder, bits: builder.not_(bits))
+
+
 def _chosen(mask: Any, yes: Any, no: Any) -> Any:
-    return _lanes_of(yes, no) if mask is MASK and _is_lanes(yes, no) else None
+    if not _is_lanes(yes, no):
+        return None
+    lanes = _lanes_of(yes, no)
+    return lanes if mask is MASK or mask is SIGNS_OF[lanes.dtype] else None
 
 
 def _emit_choice(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     values = _widened(context, builder, signature.return_type, args[1:], signature.args[1:])
-    return builder.select(args[0], *values)
+    mask = args[0] if signature.args[0] is MASK else _is_negative(builder, args[0])
+    return builder.select(mask, *values)
 
 
-_define(choose, [(MaskType, *pair) for pair in _PAIRS], _chosen, _emit_choice)
+_define(choose, [(mask, *pair) for mask in (MaskType, SignsType) for pair in _PAIRS], _chosen, _emit_choice)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any) -> Any:

@@ -12,7 +12,7 @@ from llvmlite import ir
 from numba import types
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lanes import LANES, LANES_OF, broadcast, element_aligned, pointer, vector
+from bow_sim.simd.lanes import LANES, LANES_OF, broadcast, element_aligned, in_halves, pointer, vector
 
 _I64 = ir.IntType(64)
 
@@ -31,23 +31,27 @@ def fir_of(rows: int) -> Any:
 
         def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             tap_values, x_value, i_value, out_value, o_value, w = args
-            kind = vector(lanes)
+            parts = 2 if in_halves(context, lanes) else 1
+            size = LANES // parts
+            kind = ir.VectorType(vector(lanes).element, size)
 
-            def row(array_type: Any, array: Any, start: Any, number: int) -> Any:
+            def row(array_type: Any, array: Any, start: Any, number: int, part: int) -> Any:
                 index = builder.add(start, builder.mul(w, ir.Constant(_I64, number)))
+                index = builder.add(index, ir.Constant(_I64, part * size))
                 return pointer(context, builder, array_type, array, index, kind)
 
-            zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * LANES)
-            sums = [zero] * rows
-            window: list[Any] = []
-            for k in range(taps.count):
-                tap = broadcast(builder, builder.extract_value(tap_values, k), kind)
+            zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * size)
+            for part in range(parts):
+                sums = [zero] * rows
+                window: list[Any] = []
+                for k in range(taps.count):
+                    tap = broadcast(builder, builder.extract_value(tap_values, k), kind)
+                    for r in range(rows):
+                        if k + r == len(window):
+                            window.append(element_aligned(builder.load(row(x, x_value, i_value, k + r, part)), x))
+                        sums[r] = builder.fadd(sums[r], builder.fmul(tap, window[k + r]))
                 for r in range(rows):
-                    if k + r == len(window):
-                        window.append(element_aligned(builder.load(row(x, x_value, i_value, k + r)), x))
-                    sums[r] = builder.fadd(sums[r], builder.fmul(tap, window[k + r]))
-            for r in range(rows):
-                element_aligned(builder.store(sums[r], row(out, out_value, o_value, r)), out)
+                    element_aligned(builder.store(sums[r], row(out, out_value, o_value, r, part)), out)
             return context.get_dummy_value()
 
         return types.void(taps, x, types.intp, out, types.intp, types.intp), codegen

@@ -14,13 +14,14 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.cell.waveform import CellError, Waveform, joined, part_of
 from bow_sweep.maps.basin_map import Basin
-from bow_sweep.record.bag import BagError, bag_files
+from bow_sweep.record.bag import BagError, bags_in
 from bow_sweep.record.bag_contents import Chunks, Place, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC
 from bow_sweep.record.notes import too_new
+from bow_sweep.record.run_bags import in_words, read_run
 
 
 class DamagedCell(CellError):
@@ -45,12 +46,12 @@ def _is_complete(path: Path) -> bool:
 
 
 class BagCells:
-    """The cells in the bag of a run. The files stay open.
+    """The cells in the bags of a run. The files stay open.
 
     Parameters
     ----------
     directory
-        Of the bag.
+        Of the bag, with those of stations in it.
     progress
         Called with (done, total) bytes of the bag's files.
 
@@ -68,11 +69,12 @@ class BagCells:
     """
 
     def __init__(self, directory: Path, progress: Progress | None = None) -> None:
-        self._survey = _CellSurvey(directory)
         try:
-            self._survey.read(progress)
+            self._survey = read_run(directory, _CellSurvey, progress)
         except OSError as error:
             raise CellError(f"{directory}: cannot be read: {error.strerror}") from None
+        except BagError as error:
+            raise CellError(str(error)) from None
         if why := too_new(self._survey.version):
             raise CellError(f"{directory}: {why}")
         if self._survey.expected is None:
@@ -129,6 +131,8 @@ class BagCells:
             if any((block, chunk) not in self._survey.places[topic] for topic in ("bridge_force", "stick_slip")):
                 if chunk not in self.outline.recorded_chunks:
                     raise DamagedCell(f"cell {cell}: {self._not_recorded(chunk)}")
+                if self._survey.is_unseen(block):
+                    raise DamagedCell(f"cell {cell}: {self._elsewhere(block)}")
                 have = f"{self.chunks_of(cell)} of {self.outline.chunks} chunks"
                 raise DamagedCell(f"cell {cell}: the bag has {have} of its block {block}; chunk {chunk} is missing")
             try:
@@ -157,6 +161,8 @@ class BagCells:
         if place is None:
             if chunk not in self.outline.recorded_chunks:
                 raise DamagedCell(self._not_recorded(chunk))
+            if self._survey.is_unseen(block):
+                raise DamagedCell(self._elsewhere(block))
             raise DamagedCell(f"block {block}, chunk {chunk} is missing in the bag")
         try:
             return self.outline.unseal(name, self._read(place))
@@ -165,6 +171,10 @@ class BagCells:
 
     def _not_recorded(self, chunk: int) -> str:
         return f"the run was recorded with record={self.outline.record}, without the waveforms of chunk {chunk}"
+
+    def _elsewhere(self, block: int) -> str:
+        station = in_words(self._survey.counts_from[block])
+        return f"its block {block} was done at {station}, whose bag is not here; `bow collect` brings it"
 
     def force(self, cell: int, chunk: int) -> np.ndarray | None:
         """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.
@@ -215,5 +225,5 @@ class BagCells:
 
 
 def has_bag(directory: Path) -> bool:
-    """Return whether a directory is a bag."""
-    return bool(bag_files(directory))
+    """Return whether a directory is a bag, or holds those of a run's stations."""
+    return bool(bags_in(directory))

@@ -15,6 +15,7 @@ exponent      `bow exponent`
 verify        `bow verify`
 replay        `bow replay`
 recover       `bow recover`
+collect       `bow collect`
 figure        `bow figure`
 validate      `bow validate`
 validate_beyond  its second page, `bow validate --beyond`
@@ -26,6 +27,7 @@ plot          `bow plot`
 classify      `bow classify`
 settings      `bow settings`
 up            `bow up`, `bow down`: a graph that stays
+station       `bow station`
 status        `bow status`
 nodes         `bow coordinator`, `bow simulator` and so on
 terminal      messages to the user

@@ -13,8 +13,8 @@ from bow_sweep.cli.sweep_report import print_text
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.plan.preset_files import choose
 from bow_sweep.processes.exit_status import DONE, FAILED, USAGE
-from bow_sweep.study.over import range_of
 from bow_sweep.study.search import GOALS, HIGHEST, LOWEST, SEARCH_REPORT, TRIALS, Search
+from bow_sweep.study.usual import ranges_of
 
 if TYPE_CHECKING:
     from bow_sweep.cli.sweep_jobs import Job
@@ -38,7 +38,8 @@ def add_command(commands: Any) -> None:
         "standard error, and the report names the trials of which it is not known that they are worse than the best.\n"
         "The directory has a run directory for each trial. It can be gone on with after any interruption, and then\n"
         "gives what it would have given without.\n\n"
-        "  --over NAME=FIRST:LAST        a parameter and its range; :log or :linear after it sets the scale",
+        "  --over NAME=FIRST:LAST        a parameter and its range; :log or :linear after it sets the scale\n"
+        "  --over NAME                   the range of its usual axis, see `bow settings`",
         epilog="examples:\n"
         "  bow optimise fig11d --over stiffness_b=1e-6:3e-4:log --over bridge_r=5:100:log --measure helmholtz\n"
         "  bow optimise fig11d --over mu_s=0.6:1.2 --measure median_transient --trials 15 --out runs/easy\n"
@@ -47,7 +48,7 @@ def add_command(commands: Any) -> None:
         "exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted",
     )
     add_options(parser)
-    parser.add_argument("--over", metavar="NAME=RANGE", action="append", default=[], help="a parameter; repeatable")
+    parser.add_argument("--over", metavar="NAME[=RANGE]", action="append", default=[], help="a parameter; repeatable")
     parser.add_argument("--measure", metavar="NAME", help="what is to be best (default: helmholtz)")
     parser.add_argument("--goal", choices=(HIGHEST, LOWEST), help="look for this value of the measure instead")
     parser.add_argument("--trials", metavar="N", type=int, help=f"number of maps (default: {TRIALS})")
@@ -90,7 +91,7 @@ def _asked(args: argparse.Namespace) -> tuple[Search, str]:
     search = Search(
         chosen.preset,
         (*settings, *given),
-        tuple(map(range_of, args.over)),
+        ranges_of(chosen.preset, (*settings, *given), args.over),
         measure,
         args.goal or GOALS.get(measure, HIGHEST),
         TRIALS if args.trials is None else args.trials,

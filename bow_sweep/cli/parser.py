@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from bow_sim.graph import environment
 from bow_sweep.cli import (
     classify,
+    collect,
     compare,
     edges,
     explore,
@@ -23,6 +24,7 @@ from bow_sweep.cli import (
     repeats,
     replay,
     settings,
+    station,
     status,
     study,
     sweep,
@@ -46,8 +48,9 @@ def parser() -> argparse.ArgumentParser:
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     looked_at = sweep, study, optimise, inspect, explore, transient, edges, repeats, exponent, figure, validate
-    for module in (*looked_at, compare, plot, verify, replay, recover, export, classify, settings):
+    for module in (*looked_at, compare, plot, verify, replay, recover, collect, export, classify, settings):
         module.add_command(commands)
+    station.add_command(commands)
     up.add_commands(commands)
     status.add_command(commands)
     nodes.add_commands(commands)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.physics.errors import ParameterError
-from bow_sweep.cli.terminal import environment_is_ready, fail
+from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, USAGE
 from bow_sweep.processes.progress import percentages
 
@@ -32,6 +32,7 @@ def add_command(commands: Any) -> None:
 def _replay(args: argparse.Namespace) -> int:
     from bow_sweep.processes.supervisor import GraphError
     from bow_sweep.record.replay import classify_here, replay
+    from bow_sweep.record.run_bags import unseen_in_words
 
     classify = classify_here
     if args.graph:
@@ -47,4 +48,6 @@ def _replay(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         return fail("interrupted; nothing was written", INTERRUPTED)
     print(json.dumps(result, indent=2))
+    for line in unseen_in_words(result["unseen"]):
+        warn(line)
     return DONE if result["ok"] else FAILED

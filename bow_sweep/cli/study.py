@@ -15,8 +15,8 @@ from bow_sweep.maps.playability import MEASURES
 from bow_sweep.plan.preset_files import Chosen, choose
 from bow_sweep.processes.exit_status import DONE, FAILED, QUARANTINED, USAGE
 from bow_sweep.study.campaigns import campaign, campaigns
-from bow_sweep.study.over import over_of
 from bow_sweep.study.plan import Study
+from bow_sweep.study.usual import COUNT, overs_of
 
 if TYPE_CHECKING:
     from bow_sweep.cli.sweep_jobs import Work
@@ -39,11 +39,13 @@ def add_command(commands: Any) -> None:
         "are marked, a picture, and all maps as one dataset. The directory has a run directory for each map. It can\n"
         "be gone on with after any interruption: finished maps are checked and kept.\n\n"
         "  --over NAME=FIRST:LAST:COUNT   COUNT values; :log or :linear sets the scale\n"
-        "  --over NAME=VALUE,VALUE,...    these values, texts too: model=raman,delta_cremer, preset=fig11c,fig11d\n\n"
+        "  --over NAME=VALUE,VALUE,...    these values, texts too: model=raman,delta_cremer, preset=fig11c,fig11d\n"
+        f"  --over NAME                    {COUNT} values along its usual axis, see `bow settings`\n\n"
         "Each measure has four independent values, from the four interleaved grids of a map. Two maps are compared by\n"
         "Welch's t test on these, with Holm's correction for there being many maps. It needs 16 x 16 cells a map.",
         epilog="examples:\n"
         "  bow study fig11d --over stiffness_b=1e-6:3e-4:12:log --nx 64 --ny 32\n"
+        "  bow study fig11d --over bridge_r --nx 32 --ny 16\n"
         "  bow study fig11d --over stiffness_b=1e-6:3e-4:6:log --over v_mid=-2,0.2,0.9 --out runs/stiffness\n"
         "  bow study --over preset=fig11c,fig11d --set mu_s=1 --nx 32 --ny 16\n"
         "  bow study --resume runs/stiffness\n\n"
@@ -52,7 +54,7 @@ def add_command(commands: Any) -> None:
     )
     add_options(parser)
     parser.add_argument(
-        "--over", metavar="NAME=VALUES", action="append", default=[], help="a further parameter; repeatable"
+        "--over", metavar="NAME[=VALUES]", action="append", default=[], help="a further parameter; repeatable"
     )
     parser.add_argument(
         "--measure",
@@ -135,7 +137,7 @@ def _work(args: argparse.Namespace) -> Work:
             raise ParameterError(f"{chosen.preset} is several presets; give no --over with it; {right}")
         study = campaign(chosen.preset, settings)
     else:
-        study = Study(chosen.preset, tuple(settings), tuple(map(over_of, args.over)))
+        study = Study(chosen.preset, tuple(settings), overs_of(chosen.preset, settings, args.over))
     return begin_study(study, chosen.label or "study", args.out, lock=True)
 
 

@@ -20,7 +20,7 @@ FILES = {
     "study.png": "measures against the parameters, and all maps",
     MAPS: "all maps, to look at",
     "study.json": "all numbers, with uncertainties and significance",
-    NETCDF: "all maps as one dataset: xarray.open_dataset(...), or bow.open({directory!r}).ds",
+    NETCDF: "all maps, as they were at the last test: xarray.open_dataset(...), or bow.open({directory!r}).ds",
     "study.yaml": "what was asked",
 }
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bow_sim.graph import discovery
+from bow_sim.graph.exposure import TRUST
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
@@ -72,7 +73,8 @@ def add_command(commands: Any) -> None:
         "  bow sweep fig11d --record verdicts        a small bag: waveforms are computed again when asked for\n"
         "  bow sweep fig11d --set mu_s=0.9 --save-preset mine.yaml      then: bow sweep mine\n"
         "  bow sweep --resume small                  continue a run that was interrupted\n"
-        "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n\n"
+        "  bow sweep fig11d --network SUBNET         prints how simulators of other machines join\n"
+        "  bow sweep fig11d --simulators 16 --stations 4      on a large machine: see docs, several machines\n\n"
         "exit status: 0 done, 1 failed, 2 wrong usage, 3 done but for quarantined blocks, 130 interrupted",
     )
     parser.add_argument(
@@ -102,6 +104,14 @@ def add_command(commands: Any) -> None:
         help="processes (default: one a core)",
     )
     parser.add_argument(
+        "--stations",
+        metavar="N",
+        type=int,
+        default=1,
+        help="divide the simulators among N recorders and N classifiers, each with a bag of its own: for machines on "
+        "which one of each is not enough (more than two or three simulators)",
+    )
+    parser.add_argument(
         "--own-graph", action="store_true", help="start a graph for this sweep, even if `bow up` has started one"
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="run directory (default: runs/PRESET-DATE)")
@@ -110,10 +120,20 @@ def add_command(commands: Any) -> None:
     )
     parser.add_argument("--resume", metavar="RUN", type=Path, help="continue the run in this directory")
     parser.add_argument(
+        "--lost",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="with --resume: the bag of this station is lost, compute its blocks again; repeatable",
+    )
+    parser.add_argument(
         "--network",
         metavar="WHERE",
         default="",
         help="let simulators of other machines join: SUBNET, or their names or addresses, separated by commas",
+    )
+    parser.add_argument(
+        TRUST, dest="trusted", action="store_true", help="--network also with public addresses: DDS does not encrypt"
     )
     parser.add_argument("--view", action="store_true", help="open the rerun viewer and watch the map grow")
     parser.add_argument(
@@ -141,6 +161,8 @@ def _sweep(args: argparse.Namespace) -> int:
     args.simulators = cores() if args.simulators is None else args.simulators
     if args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
+    if not 1 <= args.stations <= args.simulators:
+        return fail(f"--stations {args.stations}: should be 1 ... {args.simulators}, as each needs a simulator")
     if not environment_is_ready():
         return USAGE
     try:
@@ -149,18 +171,20 @@ def _sweep(args: argparse.Namespace) -> int:
         return fail(str(error))
     if args.network:
         try:
-            os.environ.update(discovery.variables_for(args.network))
+            os.environ.update(discovery.variables_for(args.network, args.trusted))
         except discovery.NetworkError as error:
             return fail(f"--network {error}")
     short = [f"{key}={getattr(args, name)}" for name, key in _SHORT.items() if getattr(args, name) is not None]
     if args.resume and (args.preset or short or args.settings or args.out or args.save_preset):
         return fail("--resume takes the sweep from the run directory; give no preset, setting or --out with it")
+    if args.lost and not args.resume:
+        return fail("--lost: says of a run that is resumed which bags are lost; give --resume RUN with it")
     from bow_sweep.cli.sweep_jobs import begin, resume
     from bow_sweep.run.directory import RunError
 
     try:
         if args.resume:
-            work = resume(args.resume.resolve(), not args.no_lock)
+            work = resume(args.resume.resolve(), not args.no_lock, args.lost)
         else:
             chosen = choose(args.preset, campaigns())
             if chosen.path:
@@ -173,7 +197,7 @@ def _sweep(args: argparse.Namespace) -> int:
     if most < args.simulators:
         if args.asked_simulators:
             warn(f"--simulators {args.simulators}: {most} are started, more do not start well here")
-        args.simulators = most
+        args.simulators, args.stations = most, min(args.stations, most)
     from bow_sweep.view.viewer import Screen
 
     # Before all else: a window needs a second to appear, and viewers connect from the beginning on.
@@ -248,6 +272,10 @@ def run_jobs(
                     display.print_line(
                         f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"
                     )
+                    display.print_line(
+                        "or, with a recorder and a classifier of their own: "
+                        f"{discovery.station_command(job.run_id, os.environ)}"
+                    )
                 job.directory.mkdir(exist_ok=True)
                 shown = dashboard.dashboard and not left_out  # one that failed once would fail again
                 if graph is not None:
@@ -266,6 +294,7 @@ def run_jobs(
                         screen=screen,
                         sync=not args.no_sync,
                         lock=not args.no_lock,
+                        stations=getattr(args, "stations", 1),
                     )
                 if problem := self_check(job.directory, display.print_line, whole=job.resume):
                     display.stop()
@@ -313,7 +342,8 @@ def _lasting_graph(
     from bow_sweep.standing.fits import objection, since
     from bow_sweep.standing.state import default_folder, read_state
 
-    state = None if getattr(args, "own_graph", False) else read_state(default_folder())
+    divided = getattr(args, "stations", 1) > 1
+    state = None if getattr(args, "own_graph", False) or divided else read_state(default_folder())
     asked, watched = getattr(args, "asked_simulators", None), bool(screen.uri)
     sync, lock = not args.no_sync, not args.no_lock
     if state is not None:
@@ -323,7 +353,7 @@ def _lasting_graph(
             display.print_line(f"the graph of `bow up` is not used, {problem}")
             state = None
     if state is None:
-        if len(work.jobs) < 2 or watched or not (sync and lock) or discovery.goes_beyond(os.environ):
+        if len(work.jobs) < 2 or watched or divided or not (sync and lock) or discovery.goes_beyond(os.environ):
             yield None
             return
         drawn, root = dashboard.dashboard, work.owned.directory

@@ -108,8 +108,13 @@ def begin_study(study: Study, label: str, out: Path | None, lock: bool) -> Work:
     return Work(owned, study, [Job(owned.directory / each.name, random_id(), each.sweep) for each in members])
 
 
-def resume(directory: Path, lock: bool) -> Work:
+def resume(directory: Path, lock: bool, lost: Sequence[str] = ()) -> Work:
     """Open the directory of a run or study; return the runs that are not finished. Repairs their ledgers and bags.
+
+    Parameters
+    ----------
+    lost
+        Stations of a run whose bags are lost: their blocks are computed again.
 
     Raises
     ------
@@ -117,12 +122,14 @@ def resume(directory: Path, lock: bool) -> Work:
         Where it cannot be resumed.
     """
     if any((directory / name).exists() for name in (STUDY, CAMPAIGN)):
+        if lost:
+            raise RunError(f"--lost {lost[0]}: {directory} is a study; resume the run that has lost it first, in there")
         return resume_study(directory, lock)
     if (directory / SEARCH).exists():
         raise RunError(f"{directory}: is a search; go on with bow optimise --resume {shlex.quote(str(directory))}")
     owned = open_directory(directory, lock)
     try:
-        return Work(owned, None, unfinished(directory, lock))
+        return Work(owned, None, unfinished(directory, lock, lost=lost))
     except BaseException:
         owned.release()
         raise
@@ -152,7 +159,7 @@ def resume_study(directory: Path, lock: bool = True) -> Work:
         raise
 
 
-def unfinished(directory: Path, lock: bool, wanted: Sweep | None = None) -> list[Job]:
+def unfinished(directory: Path, lock: bool, wanted: Sweep | None = None, lost: Sequence[str] = ()) -> list[Job]:
     """Return the job to resume a run, or none where it is finished; print what was found in ledger and bag.
 
     Raises
@@ -162,7 +169,7 @@ def unfinished(directory: Path, lock: bool, wanted: Sweep | None = None) -> list
     """
     from bow_sweep.coordinator.resume import prepare
 
-    run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), lock)
+    run = prepare(directory, lambda line: print(f"resume: {line}", flush=True), lock, lost)
     if wanted is not None and run.sweep.settings() != wanted.settings():
         other = sorted({*run.sweep.settings()} ^ {*wanted.settings()})[0]
         raise RunError(f"{directory}: is a run of other settings than its study ({other}); move it away")

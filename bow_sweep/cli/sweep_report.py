@@ -56,6 +56,7 @@ def self_check(directory: Path, print_line: Callable[[str], None], *, whole: boo
     str
         What does not agree; "" where all of it does.
     """
+    from bow_sweep.record.run_bags import unseen_in_words
     from bow_sweep.record.verify import verify
 
     began = time.monotonic()
@@ -63,6 +64,8 @@ def self_check(directory: Path, print_line: Callable[[str], None], *, whole: boo
     took = time.monotonic() - began
     if took > MENTIONED_S:
         print_line(f"checking bag, ledger, map and report took {took:.1f} s")
+    for line in unseen_in_words(result.get("unseen", {})):
+        print_line(line)
     if result["ok"]:
         return ""
     lines = [

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.protocol.recording import PROVED_CELLS
-from bow_sweep.cli.terminal import fail
+from bow_sweep.cli.terminal import fail, warn
 from bow_sweep.processes.exit_status import DONE, FAILED
 from bow_sweep.processes.progress import percentages
 
@@ -22,6 +22,8 @@ def add_command(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Check every cell, chunk, sample and checksum of a run's bag, derive its verdicts again, and\n"
         "compare map.npz, report.json and ledger.jsonl with them. Prints JSON.\n\n"
+        "Of a run with stations all bags that are here are read as one. Blocks of a station whose bag is elsewhere\n"
+        "are listed as `unseen`, which is no problem; `bow collect` brings such bags here.\n\n"
         "The verdicts are derived from the recorded streams. Of a run that does not record them (bow sweep --record\n"
         "verdicts, or last), some of its cells are computed again, drawn at random in whole blocks, and checksums and\n"
         "verdicts are compared. That needs the kernel of the run, the same release of bow; another one is named.",
@@ -48,6 +50,7 @@ def add_command(commands: Any) -> None:
 def _verify(args: argparse.Namespace) -> int:
     from bow_sweep.cell.computed import kernel
     from bow_sweep.record.again import Again
+    from bow_sweep.record.run_bags import unseen_in_words
     from bow_sweep.record.verify import verify
 
     for name in ("sample", "seed"):
@@ -56,4 +59,6 @@ def _verify(args: argparse.Namespace) -> int:
     again = Again(kernel(), math.inf if args.all else args.sample, args.seed)
     result = verify(args.directory, progress=percentages("verify"), again=again)
     print(json.dumps(result, indent=2))
+    for line in unseen_in_words(result.get("unseen", {})):
+        warn(line)
     return DONE if result["ok"] else FAILED

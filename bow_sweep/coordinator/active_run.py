@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from bow_sim.protocol.states import PlanState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.results import writing
@@ -41,6 +39,8 @@ class ActiveRun:
         What came of writing map and picture; None before that.
     plan, plan_at
         The latest plan that was published, and when.
+    map_at
+        When the latest map was published.
     """
 
     run: Run
@@ -54,6 +54,7 @@ class ActiveRun:
     results: ResultsWritten | None = None
     plan: bytes = b""
     plan_at: float = 0.0
+    map_at: float = float("-inf")
     _published_tests: int = field(default=-1, init=False)
 
     def __post_init__(self) -> None:
@@ -75,7 +76,7 @@ class ActiveRun:
             values["classifier"] == run.sweep.thresholds.hash
             and block < run.blocks.count
             and values["chunk"] < run.sweep.chunks
-            and np.array_equal(values["cells"], run.blocks.block(block))
+            and values["cells"].tobytes() == run.blocks.block(block).tobytes()
         )
 
     def plan_message(self, coordinator: str) -> bytes:

@@ -1,4 +1,4 @@
-"""The recorder and the classifier that a coordinator works with. No ROS, no clock."""
+"""The recorder and the classifier of each station that a coordinator works with. No ROS, no clock."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour, Neighbours
 from bow_sim.protocol.states import NodeState
+from bow_sim.protocol.stations import MOST_STATIONS, STATION_ROLES, station_of
 
 
 class Consumers:
@@ -17,10 +18,17 @@ class Consumers:
         The other nodes, as the coordinator hears them.
     log_error
         Takes a line for the log about a node that is ignored.
+    is_here
+        Returns whether a node, by its full name, is of this station.
     """
 
-    def __init__(self, neighbours: Neighbours, log_error: Callable[[str], object]) -> None:
-        self._neighbours, self._log_error = neighbours, log_error
+    def __init__(
+        self,
+        neighbours: Neighbours,
+        log_error: Callable[[str], object],
+        is_here: Callable[[str], bool] = lambda _: True,
+    ) -> None:
+        self._neighbours, self._log_error, self._is_here = neighbours, log_error, is_here
         self._chosen: dict[str, str] = {}
         self._ignored: set[str] = set()
 
@@ -50,14 +58,85 @@ class Consumers:
         """Return which of the two are not ready, and why, as texts for people; empty if both are ready."""
         return [self._reason(role, run_id, now) for role in CONSUMERS if not self.is_ready(role, run_id, now)]
 
-    def is_plan_needed(self, run_id: str, now: float) -> bool:
-        """Return whether recorder, classifier or a simulator has not taken up the run."""
-        simulators = self._neighbours.of_role("simulator", now)
-        return bool(self.missing(run_id, now)) or any(node.run_id != run_id for node in simulators)
+    def are_ready(self, run_id: str, now: float) -> bool:
+        """Return whether both are ready."""
+        return all(self.is_ready(role, run_id, now) for role in CONSUMERS)
+
+    def have_gone(self, now: float) -> bool:
+        """Return whether one of the two, heard before, is not there any more, or cannot work any more."""
+        known = [self._neighbours.get(incarnation) for incarnation in self._chosen.values()]
+        return any(
+            one is None or one.state == NodeState.FAILED or not self._neighbours.is_alive(one.incarnation, now)
+            for one in known
+        )
+
+    def is_behind(self, run_id: str, now: float) -> bool:
+        """Return whether one of the two is alive and has not taken up the run."""
+        known = [self._neighbours.get(incarnation) for incarnation in self._chosen.values()]
+        alive = [one for one in known if one is not None and self._neighbours.is_alive(one.incarnation, now)]
+        return any(one.run_id != run_id for one in alive)
 
     def _reason(self, role: str, run_id: str, now: float) -> str:
-        heard = self._neighbours.of_role(role, now)
+        heard = [known for known in self._neighbours.of_role(role, now) if self._is_here(known.node)]
         if not heard:
             return f"no {role} is heard"
         of_run = [known for known in heard if known.run_id == run_id]
         return f"{role} ({of_run[0].detail or 'is starting'})" if of_run else f"{role} has not taken up the run"
+
+
+class Stations:
+    """The stations of a run that are heard, and the consumers of each.
+
+    Parameters
+    ----------
+    neighbours, log_error
+        As for :class:`Consumers`.
+    namespace
+        Of the run.
+    """
+
+    def __init__(self, neighbours: Neighbours, namespace: str, log_error: Callable[[str], object]) -> None:
+        self._neighbours, self._namespace, self._log_error = neighbours, namespace, log_error
+        self._consumers: dict[str, Consumers] = {}
+
+    def of(self, node: str) -> str:
+        """Return the station of a node, by its full name; a node that is somewhere else counts as beside us."""
+        return station_of(node, self._namespace) or ""
+
+    def hear(self, node: str, role: str) -> list[str]:
+        """Take up the station of a node that is heard; return the stations that are new."""
+        station = self.of(node)
+        if role not in STATION_ROLES or station in self._consumers or len(self._consumers) >= MOST_STATIONS:
+            return []
+        self._consumers[station] = Consumers(self._neighbours, self._log_error, lambda node: self.of(node) == station)
+        return [station]
+
+    def update(self, other: Neighbour, now: float) -> bool:
+        """Take a heartbeat of a recorder or classifier; return whether it replaces one of its station that has gone."""
+        consumers = self._consumers.get(self.of(other.node))
+        return consumers is not None and consumers.update(other, now)
+
+    def ready(self, run_id: str, now: float) -> set[str]:
+        """Return the stations whose recorder and classifier are ready."""
+        return {station for station, consumers in self._consumers.items() if consumers.are_ready(run_id, now)}
+
+    def gone(self, now: float) -> set[str]:
+        """Return the stations whose recorder or classifier has gone."""
+        return {station for station, consumers in self._consumers.items() if consumers.have_gone(now)}
+
+    def missing(self, run_id: str, now: float) -> list[str]:
+        """Return what keeps each station from being ready, as texts for people."""
+        known = self._consumers or {"": Consumers(self._neighbours, self._log_error, lambda node: self.of(node) == "")}
+        if list(known) == [""]:
+            return known[""].missing(run_id, now)
+        return [
+            f"{station or 'the station without a name'}: {', '.join(texts)}"
+            for station, consumers in sorted(known.items())
+            if (texts := consumers.missing(run_id, now))
+        ]
+
+    def is_plan_needed(self, run_id: str, now: float) -> bool:
+        """Return whether a recorder, a classifier or a simulator that is heard has not taken up the run."""
+        if not self.ready(run_id, now) or any(each.is_behind(run_id, now) for each in self._consumers.values()):
+            return True
+        return any(node.run_id != run_id for node in self._neighbours.of_role("simulator", now))

@@ -10,11 +10,15 @@ import numpy as np
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import BlockState, PlanState
+from bow_sim.protocol.sweep_spec import values_of
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
 BLOCK_STATES = {State.DONE: BlockState.DONE, State.QUARANTINED: BlockState.QUARANTINED}
+
+SHOWN = ("regime", "correlation", "slips", "corners")
+"""The fields of verdicts that are in a BasinMap."""
 
 
 def _identity(run: Run) -> dict[str, Any]:
@@ -22,7 +26,7 @@ def _identity(run: Run) -> dict[str, Any]:
     return {
         "run_id": run.run_id,
         "sweep_id": run.sweep.sweep_id,
-        "epoch": run.ledger.epoch,
+        "epoch": run.ledger.announced,
         "spec.preset": run.sweep.preset,
         "spec.settings": run.sweep.settings(),
         "fingerprint": run.sweep.fingerprint,
@@ -45,18 +49,35 @@ def plan_message(run: Run, state: PlanState, coordinator: str) -> bytes:
 
 def block_message(run: Run, coordinator: str, simulator: str = "", block: int = 0, attempt: int = 0) -> bytes:
     """Return a Block for the simulator of an incarnation to compute; without `simulator` a hello for all of them."""
-    cells = run.blocks.block(block) if simulator else np.zeros(0, np.uint32)
+    epoch = run.ledger.epoch_of(block) if simulator else run.ledger.announced
+    return _block(run, coordinator, simulator, epoch, block, attempt)
+
+
+def epoch_message(run: Run, coordinator: str, simulator: str, epoch: int) -> bytes:
+    """Return a Block without cells: it only tells the simulator of an incarnation that older epochs are over."""
+    return _block(run, coordinator, simulator, epoch)
+
+
+def _block(run: Run, coordinator: str, simulator: str, epoch: int, block: int | None = None, attempt: int = 0) -> bytes:
+    cells = run.blocks.block(block) if simulator and block is not None else np.zeros(0, np.uint32)
     at = run.sweep.axis_values(cells)
     values = {
+        "epoch": epoch,
         "coordinator": coordinator,
         "simulator": simulator,
-        "block": block,
+        "block": block or 0,
         "attempt": attempt,
         "cells": cells,
         "x": at[run.sweep.x.name],
         "y": at[run.sweep.y.name],
     }
     return cdr.encode("Block", {**_identity(run), **values})
+
+
+def receipt_entries(receipt: Mapping[str, Any]) -> list[tuple[int, int, int, int]] | None:
+    """Return kind, block, chunk and checksum of each entry of a decoded Receipt; None where its arrays do not fit."""
+    columns = [receipt[name].tolist() for name in ("kind", "block", "chunk", "checksum")]
+    return list(zip(*columns, strict=True)) if len({len(column) for column in columns}) == 1 else None
 
 
 def map_values(run: Run, basin: Basin) -> dict[str, Any]:
@@ -70,15 +91,15 @@ def map_values(run: Run, basin: Basin) -> dict[str, Any]:
         "sweep_id": run.sweep.sweep_id,
         "x_name": run.sweep.x.name,
         "y_name": run.sweep.y.name,
-        "x": run.sweep.x.values(),
-        "y": run.sweep.y.values(),
+        "x": values_of(run.sweep.x),
+        "y": values_of(run.sweep.y),
         "transient_periods": basin.of_plane(basin.transient_periods).ravel(),
         "tests": basin.of_plane(basin.tested).ravel(),
         "regime_names": list(REGIMES),
         "cells_done": accounts["done"],
         "cells_quarantined": accounts["quarantined"],
         "cells_outstanding": accounts["outstanding"],
-        **{name: basin.of_plane(basin.latest(name)).ravel() for name in ("regime", "correlation", "slips", "corners")},
+        **{name: basin.of_plane(latest).ravel() for name, latest in basin.latest_of(SHOWN).items()},
     }
 
 

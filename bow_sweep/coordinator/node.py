@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from bow_sweep.coordinator.session_events import (
     GoalRefused,
     HealthReceived,
     Instruction,
+    ListenTo,
     Log,
     Publish,
     PublishFeedback,
@@ -121,8 +123,8 @@ class CoordinatorNode(BowNode):
         self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._chooser = CellChooser(self, lambda: self._session.run)
-        self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
-        self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
+        self._listening: set[str] = set()
+        self._listen_to("")
         self._server = ActionServer(
             self,
             RunSweep,
@@ -183,11 +185,22 @@ class CoordinatorNode(BowNode):
             self._chooser.show_again(message.incarnation, message.run_id)
         self._handle(HealthReceived(message, neighbour))
 
-    def _on_receipt(self, data: bytes) -> None:
-        self._handle(ReceiptReceived(data))
+    def _listen_to(self, station: str) -> None:
+        """Subscribe to what recorder and classifier of a station answer."""
+        if station not in self._listening:
+            self._listening.add(station)
+            below = f"{station}/" if station else ""
+            for kind, topic, take in (
+                (Receipt, "receipts", self._on_receipt),
+                (Verdicts, "verdicts", self._on_verdicts),
+            ):
+                self.create_subscription(kind, f"{below}{topic}", partial(take, station), STREAM, raw=True)
 
-    def _on_verdicts(self, data: bytes) -> None:
-        self._handle(VerdictsReceived(data))
+    def _on_receipt(self, station: str, data: bytes) -> None:
+        self._handle(ReceiptReceived(data, station))
+
+    def _on_verdicts(self, station: str, data: bytes) -> None:
+        self._handle(VerdictsReceived(data, station))
 
     def _on_accepted(self, goal: Any) -> None:
         key = bytes(goal.goal_id.uuid)
@@ -243,6 +256,8 @@ class CoordinatorNode(BowNode):
                 self._publish(topic, data)
                 if topic == "plan":
                     self.log_run(cdr.decode("Plan", data))
+            case ListenTo(station):
+                self._listen_to(station)
             case PublishMap(values):
                 self._map.publish(cdr.encode("BasinMap", values))
                 self._image.publish(image_message(values, self.wall_time()))

@@ -1,15 +1,15 @@
 """Resuming a run: ledger and bag, two records of the same run, are compared and repaired before anything else.
 
 They can be of different age: copies made while it ran, restored backups, deleted files, power cuts. A block that is not
-complete in the bag is due again, whatever the ledger states; a block that is complete there is done. Bag and ledger are
-repaired first; what is taken out of them is kept in files beside them.
+complete in a bag is due again, whatever the ledger states; a block that is complete there is done. Bags and ledger are
+repaired first; what is taken out of them is kept in files beside them. Blocks of a station whose bag is not here are
+computed again only if somebody says that it is lost.
 """
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +18,12 @@ import numpy as np
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.states import BlockState
+from bow_sweep.coordinator.bags_of_run import Log, check_lost, need_all_bags, repaired_bags
 from bow_sweep.maps.map_file import MAP
 from bow_sweep.plan.sweep import Sweep
-from bow_sweep.record.bag import FOLDER, BagError
-from bow_sweep.record.bag_contents import RunIdentity, Survey
-from bow_sweep.record.recover import repair
+from bow_sweep.record.bag import FOLDER
+from bow_sweep.record.bag_contents import Survey
+from bow_sweep.record.run_bags import RunSurvey, in_words, unseen_in_words
 from bow_sweep.run.directory import (
     PICTURE,
     REPORT,
@@ -35,11 +36,16 @@ from bow_sweep.run.directory import (
     sweep_of,
 )
 from bow_sweep.run.errors import OtherProgramError
-from bow_sweep.run.ledger_file import LEDGER, Reading, latest_states, read_leniently, set_ledger_aside, write_ledger
-from bow_sweep.run.lock import LockedError, locked
-
-Log = Callable[[str], None]
-"""Takes a line for people."""
+from bow_sweep.run.ledger_file import (
+    LEDGER,
+    Reading,
+    done_at,
+    latest_states,
+    read_leniently,
+    set_ledger_aside,
+    write_ledger,
+)
+from bow_sweep.run.lock import locked
 
 
 class Prepared(NamedTuple):
@@ -48,14 +54,14 @@ class Prepared(NamedTuple):
     Attributes
     ----------
     survey
-        What is in its bag.
+        What is in its bags.
     complete
         Nothing is left to do: every block is settled, and the files beside the bag agree with it.
     """
 
     run_id: str
     sweep: Sweep
-    survey: Survey
+    survey: RunSurvey
     complete: bool
 
 
@@ -89,8 +95,8 @@ def resume(directory: Path, log: Log = lambda _: None, locks: bool = True) -> Re
     return Resumed(Run.resume(directory, locks), survey.layers() if survey.expected else None)
 
 
-def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True) -> Prepared:
-    """Repair ledger and bag of a run and make the ledger agree with the bag.
+def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True, lost: Collection[str] = ()) -> Prepared:
+    """Repair ledger and bags of a run and make the ledger agree with the bags.
 
     Parameters
     ----------
@@ -98,6 +104,8 @@ def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True) -> P
         Takes lines about what was found and done.
     locks
         Lock the directory meanwhile.
+    lost
+        Stations whose bags are lost: their blocks are computed again.
 
     Raises
     ------
@@ -108,86 +116,35 @@ def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True) -> P
         raise RunError(f"{directory / LEDGER}: no such directory; a run directory of `bow sweep` holds one")
     try:
         with locked(directory, "coordinator", locks):
-            return _prepare(directory, log, locks)
+            return _prepare(directory, log, locks, lost)
     except OSError as error:
         raise RunError(f"{error.filename or directory}: {error.strerror or error}") from None
 
 
-def _prepare(directory: Path, log: Log, locks: bool) -> Prepared:
+def _prepare(directory: Path, log: Log, locks: bool, lost: Collection[str]) -> Prepared:
     reading = read_leniently(directory)
-    survey = _repaired_bag(directory, reading, log, locks)
+    survey = repaired_bags(directory, reading, log, locks)
+    check_lost(directory, survey, lost)
     plan = _with_rounds_of_bag(directory / LEDGER, _plan(directory / LEDGER, reading, survey, log), survey)
     if reading.bad or plan.entries != reading.entries:
         _replace_ledger(directory, reading, plan.entries, log)
     entries = plan.entries
-    events = _differences(entries, survey, plan.blocks, log)
+    events = _differences(entries, survey, plan.blocks, lost, log)
+    settled = _settled([*entries, *events], plan.blocks)
+    complete = settled and _results_agree(directory, survey, log)
+    if not complete:
+        need_all_bags(directory, survey, lost)
+    for line in unseen_in_words({name: blocks for name, blocks in survey.unseen.items() if name not in lost}):
+        log(line)
     if events:
         entries = [*entries, *events]
         write_ledger(directory, entries)
-    states = latest_states(entries)
-    settled = all(states.get(block, "reopened") != "reopened" for block in range(plan.blocks.count))
-    complete = settled and _results_agree(directory, survey, log)
     return Prepared(entries[0]["run_id"], plan.sweep, survey, complete)
 
 
-# ---- the bag
-
-
-def _repaired_bag(directory: Path, reading: Reading, log: Log, locks: bool) -> Survey:
-    """Repair the bag and log what was done; if a recorder is writing it, only read it."""
-    first = reading.entries[0] if reading.planned else None
-    identity = RunIdentity(first["run_id"], first["sweep_id"]) if first else None
-    bag = directory / FOLDER
-    try:
-        with locked(directory, "recorder", locks):
-            report, found = repair(bag, identity, resuming=True)
-            _sync(bag)
-    except LockedError:  # only the coordinator of this graph was started again
-        survey = Survey(bag).read()
-        if identity and survey.identity and survey.identity != identity:
-            other = f"{bag}: holds run {survey.identity.run_id}, this is run {identity.run_id}"
-            raise RunError(f"{other}. {_remedy(directory, identity)}") from None
-        _sync(bag)
-        return survey
-    except BagError as error:
-        raise RunError(f"{error}. {_remedy(directory, identity)}") from None
-    for line in _repairs(report):
-        log(line)
-    return found.survey
-
-
-_ACTIONS = {"mend": "repaired", "set aside": "set aside, its blocks are computed again", "refuse": "left as it is"}
-
-
-def _repairs(report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the report of :func:`bow_sweep.record.recover.repair` as lines for people."""
-    for file in report["files"]:
-        if file["did"] != "keep":
-            why = f": {file['why']}" if file["why"] else ""
-            aside = f"; taken out: {', '.join(file['aside'])}" if file["aside"] else ""
-            yield f"{FOLDER}/{file['file']} is {file['was']}{why}: {_ACTIONS[file['did']]}{aside}"
-    if report["metadata_aside"]:
-        what = "cannot be read: written again" if report["metadata_rewritten"] else "names files that do not exist"
-        yield f"{FOLDER}/metadata.yaml {what}; its old content is in {report['metadata_aside']}"
-    if report["missing"]:
-        count = sum(end - start + 1 for start, end in report["missing"])
-        yield f"{count} messages of the bag are missing; the next file notes which"
-
-
-def _sync(bag: Path) -> None:
-    """Sync the bag to the disk: the ledger is about to mark its blocks as done."""
-    for path in bag.glob("*.mcap"):
-        with open(path, "rb") as file:
-            os.fdatasync(file.fileno())
-
-
-def _remedy(directory: Path, identity: RunIdentity | None) -> str:
-    if identity is None:
-        return "Then resume it again"
-    return (
-        f"If the bag is right: mv {directory / LEDGER} {directory / LEDGER}.other, if the ledger is: "
-        f"mv {directory / FOLDER} {directory / FOLDER}.other; then resume it again"
-    )
+def _settled(entries: Sequence[Mapping[str, Any]], blocks: Blocks) -> bool:
+    states = latest_states(entries)
+    return all(states.get(block, "reopened") != "reopened" for block in range(blocks.count))
 
 
 # ---- the plan
@@ -298,30 +255,44 @@ def _replace_ledger(directory: Path, reading: Reading, entries: list[dict[str, A
 
 
 def _differences(
-    entries: Sequence[Mapping[str, Any]], survey: Survey, blocks: Blocks, log: Log
+    entries: Sequence[Mapping[str, Any]], survey: RunSurvey, blocks: Blocks, lost: Collection[str], log: Log
 ) -> list[dict[str, Any]]:
-    """Return the entries that make the ledger agree with the bag."""
-    states = latest_states(entries)
+    """Return the entries that make the ledger agree with the bags.
+
+    Blocks in bags that are not here stay as the ledger has them, unless their station is lost.
+    """
+    states, stations = latest_states(entries), done_at(entries)
     known = survey.expected.blocks if survey.expected else 0
     attempts: dict[int, int] = {}
     for entry in entries:
         if isinstance(entry.get("block"), int):
             attempts[entry["block"]] = max(attempts.get(entry["block"], 0), int(entry.get("attempt", 0)))
     events: list[dict[str, Any]] = []
+    moved: list[dict[str, Any]] = []
     for block in range(blocks.count):
         attempt = max(attempts.get(block, 0), survey.attempts.get(block, 0))
         state = states.get(block, "")
         if state == "quarantined":
             continue
         lacks = survey.lacks(block) if block < known else "nothing of it is in the bag"
+        if state == "done" and survey.is_unseen(block):
+            if stations[block] not in lost:
+                continue
+            lacks = f"the bag of {in_words(stations[block])} is lost"
+        where = survey.at(block)
         if state == "done" and lacks:
             events.append({"event": "reopened", "block": block, "attempt": attempt, "why": lacks})
         elif state != "done" and not lacks:
-            events.append({"event": "done", "block": block, "attempt": attempt, "why": "found complete in the bag"})
+            why = "found complete in the bag"
+            events.append({"event": "done", "block": block, "attempt": attempt, **where, "why": why})
+        elif state == "done" and stations[block] != where.get("station", ""):
+            why = f"not in the bag of {in_words(stations[block])}"
+            moved.append({"event": "done", "block": block, "attempt": attempt, **where, "why": why})
         elif attempt > attempts.get(block, 0):
             events.append({"event": "due", "block": block, "attempt": attempt, "why": "found in part in the bag"})
     reopened = [event for event in events if event["event"] == "reopened"]
     found = [event for event in events if event["event"] == "done"]
+    events += moved
     if survey.epoch > max(int(entry.get("epoch", 1)) for entry in entries):
         events.append({"event": "resumed", "epoch": survey.epoch, "why": "the epoch of the bag"})
     if reopened:
@@ -332,10 +303,12 @@ def _differences(
         )
     if found:
         log(f"{len(found)} of {blocks.count} blocks are complete in the bag, but not done in the ledger: they are done")
+    if moved:
+        log(f"{len(moved)} of {blocks.count} blocks count from the bag of another station than the ledger names")
     return events
 
 
-def _results_agree(directory: Path, survey: Survey, log: Log) -> bool:
+def _results_agree(directory: Path, survey: RunSurvey, log: Log) -> bool:
     """Return whether a run is finished: its bag is closed, and the files beside it agree with it."""
     from bow_sweep.record.verify import account
 

@@ -12,7 +12,6 @@ theirs. After that it is finished and the session is ready for the next goal.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Literal
 
 from bow_sim.physics.errors import ParameterError
@@ -22,16 +21,18 @@ from bow_sim.protocol.states import ONE_AT_A_TIME, NodeState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.active_run import ActiveRun
 from bow_sweep.coordinator.closing import DRAW_REPORT_S, DRAW_S, waits_for
-from bow_sweep.coordinator.consumers import Consumers
+from bow_sweep.coordinator.consumers import Stations
 from bow_sweep.coordinator.results import basin_of
 from bow_sweep.coordinator.session_events import (
     AnswerGoal,
     CancelRequested,
+    Counts,
     Event,
     GoalAccepted,
     GoalRefused,
     HealthReceived,
     Instruction,
+    ListenTo,
     Log,
     Publish,
     PublishFeedback,
@@ -54,16 +55,12 @@ from bow_sweep.run.ledger import State
 TICK_S = 0.2
 """Seconds between two :class:`TimePassed`; map and progress are published at most this often, 5 Hz."""
 
+MAP_CELLS_PER_S = 250_000
+"""Cells of the maps that are published in a second, at most: maps of more than 50,000 cells go out less often than
+5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
+
 ANNOUNCE_S = 1.0
 """The plan is published again this often while recorder, classifier or a simulator has not taken it up."""
-
-
-@dataclass
-class Counts:
-    """What has arrived: entries of receipts and verdicts that were used, and messages that were ignored."""
-
-    messages: int = 0
-    ignored: int = 0
 
 
 class CoordinatorSession:
@@ -104,8 +101,9 @@ class CoordinatorSession:
         self._create_run, self._wall_clock, self._shown = create_run, wall_clock, shown
         self.nodes: dict[str, Any] = {}
         self.refused = ""
-        self._pool = Pool(self._apply, host, lambda text: self._log("warning", text))
-        self._consumers = Consumers(neighbours, lambda text: self._log("error", text))
+        self._heard_at: dict[str, float] = {}
+        self._stations = Stations(neighbours, namespace, lambda text: self._log("error", text))
+        self._pool = Pool(self._apply, host, lambda text: self._log("warning", text), self._stations.of)
         self._active: ActiveRun | None = None
         self._state: int = NodeState.READY
         self._counts = Counts()
@@ -139,10 +137,10 @@ class CoordinatorSession:
                     self._active.cancelled = True
             case HealthReceived(message, neighbour):
                 self._take_health(message, neighbour)
-            case ReceiptReceived(data):
-                self._take_receipt(data)
-            case VerdictsReceived(data):
-                self._take_verdicts(data)
+            case ReceiptReceived(data, station):
+                self._take_receipt(data, station)
+            case VerdictsReceived(data, station):
+                self._take_verdicts(data, station)
             case ResultsWritten(problem=problem):
                 self._take_results(event, problem)
             case TimePassed():
@@ -219,9 +217,10 @@ class CoordinatorSession:
         """Finish once the bag is closed and no dashboard is drawing, or they have had their time."""
         if active.closed_at is None or active.results is None:
             return
-        waited = self._now - active.closed_at
+        waited, shown = self._now - active.closed_at, self._shown and active.dashboard
         nodes = [node for node in self.nodes.values() if active.dashboard or node.role != "dashboard"]
-        missing = waits_for(nodes, active.run.run_id, waited, self._shown and active.dashboard)
+        silent = {name: self._now - at for name, at in self._heard_at.items()}
+        missing = waits_for(nodes, active.run.run_id, waited, shown, self._stations.of, silent.__getitem__)
         if not missing:
             self._finish(active, active.results)
         elif missing == "dashboard" and waited > DRAW_REPORT_S:
@@ -243,35 +242,36 @@ class CoordinatorSession:
     # ---- what arrives
 
     def _take_health(self, message: Any, neighbour: Neighbour | None) -> None:
-        self.nodes[message.node] = message
+        self.nodes[message.node], self._heard_at[message.node] = message, self._now
+        self._out += map(ListenTo, self._stations.hear(message.node, message.role))
         if message.role == "simulator":
             run_id = self.run.run_id if self.run else ""
             hears_us = neighbour is not None and "blocks" in neighbour.hears
             self._pool.on_health(message, run_id, hears_us, self._now)
-        elif message.role in CONSUMERS and neighbour is not None and self._consumers.update(neighbour, self._now):
+        elif message.role in CONSUMERS and neighbour is not None and self._stations.update(neighbour, self._now):
             self._log("warning", f"{message.role} restarted: unfinished blocks are due again")
-            self._apply(ledger_events.ConsumerRestarted(message.role))
-        self._begin_work()
-        if self._active is not None:
+            self._apply(ledger_events.ConsumerRestarted(message.role, self._stations.of(message.node)))
+        is_simulator = message.role == "simulator"
+        self._begin_work(message.node if is_simulator else None)
+        if self._active is not None and not is_simulator:
             self._finish_when_closed(self._active)
 
-    def _take_receipt(self, data: bytes) -> None:
+    def _take_receipt(self, data: bytes, station: str) -> None:
         try:
             receipt = cdr.decode("Receipt", data)
         except cdr.WireError:
             self._counts.ignored += 1
             return
         self._neighbours.heard("receipts", receipt["incarnation"], self._now)
-        columns = [receipt[name].tolist() for name in ("kind", "block", "chunk", "checksum")]
-        fits = len({len(column) for column in columns}) == 1
-        if self._active is None or not self._active.is_mine(receipt) or not fits:
+        entries = messages.receipt_entries(receipt)
+        if self._active is None or not self._active.is_mine(receipt) or entries is None:
             self._counts.ignored += 1
             return
-        for kind, block, chunk, checksum in zip(*columns, strict=True):
-            self._apply(ledger_events.receipted(kind, block, chunk, checksum))
-        self._counts.messages += len(columns[0])
+        for entry in entries:
+            self._apply(ledger_events.receipted(*entry, station))
+        self._counts.messages += len(entries)
 
-    def _take_verdicts(self, data: bytes) -> None:
+    def _take_verdicts(self, data: bytes, station: str) -> None:
         if sender := cdr.hello_from("Verdicts", data):
             self._neighbours.heard("verdicts", sender, self._now)
             return
@@ -285,12 +285,12 @@ class CoordinatorSession:
             self._counts.ignored += 1
             return
         self._neighbours.heard("verdicts", verdict["incarnation"], self._now)
-        if not active.are_my_verdicts(verdict):
+        block, chunk = verdict["block"], verdict["chunk"]
+        if not active.are_my_verdicts(verdict) or not active.run.ledger.is_of(block, station):
             self._counts.ignored += 1
             return
-        block, chunk = verdict["block"], verdict["chunk"]
         active.basin.take(chunk, verdict["cells"], verdict)
-        self._apply(ledger_events.Judged(block, chunk, verdict["chunk_checksum"], verdict["checksum"]))
+        self._apply(ledger_events.Judged(block, chunk, verdict["chunk_checksum"], verdict["checksum"], station))
         self._counts.messages += 1
 
     # ---- the ledger
@@ -302,7 +302,8 @@ class CoordinatorSession:
             return
         run = active.run
         out = run.ledger.handle(event, self._now)
-        run.record(item.entry for item in out if isinstance(item, ledger_events.Record))
+        if out:  # nothing follows from most answers
+            run.record(item.entry for item in out if isinstance(item, ledger_events.Record))
         for item in out:
             match item:
                 case ledger_events.Dispatch(block, attempt, simulator):
@@ -333,25 +334,36 @@ class CoordinatorSession:
         if active.is_closing:
             self._finish_when_closed(active)
             return
-        if self._now - active.plan_at >= ANNOUNCE_S and self._consumers.is_plan_needed(run.run_id, self._now):
+        if self._now - active.plan_at >= ANNOUNCE_S and self._stations.is_plan_needed(run.run_id, self._now):
             self._publish_plan(active)
         self._say_hello(run)
         self._begin_work()
         self._apply(ledger_events.Tick())
         if not active.is_closing:
             self._publish_plan(active, if_changed=True)
-            self._publish_map(active)
+            if self._now - active.map_at >= active.run.sweep.cells / MAP_CELLS_PER_S:
+                self._publish_map(active)
             if active.goal is not None:
                 self._out.append(PublishFeedback(active.goal, active.feedback(self._wall_clock())))
 
-    def _begin_work(self) -> None:
-        """Let simulators join while recorder and classifier of this run are ready; else report what is missing."""
+    def _begin_work(self, heard: str | None = None) -> None:
+        """Let simulators join while recorder and classifier of their station are ready; else report what is missing.
+
+        Parameters
+        ----------
+        heard
+            Only this simulator, whose heartbeat has arrived; None: all of them. A thousand heartbeats a second would
+            else look at a thousand simulators each.
+        """
         active = self._active
         if active is None or active.is_closing:
             return
-        missing = self._consumers.missing(active.run.run_id, self._now)
-        self._pool.check(self._now, may_join=not missing)
-        if not missing and not self._neighbours.of_role("simulator", self._now):
+        ready = self._stations.ready(active.run.run_id, self._now)
+        if ready and heard is None:
+            self._pool.release_stations(self._stations.gone(self._now))
+        self._pool.check(self._now, may_join=bool(ready), only=heard, stations=ready)
+        missing = [] if ready else self._stations.missing(active.run.run_id, self._now)
+        if not missing and not self._neighbours.has_role("simulator", self._now):
             missing = ["no simulator is heard"]
         if missing:
             self._set_state(NodeState.STARTING, f"waiting in {self._namespace}: {', '.join(missing)}")
@@ -365,6 +377,9 @@ class CoordinatorSession:
         if simulators and self._now - self._last_hello >= (FIRST_HELLO_S if unheard else HELLO_S):
             self._last_hello = self._now
             self._publish("blocks", messages.block_message(run, self._incarnation))
+            for incarnation, station in self._pool.holding():  # what it holds may be void: nobody else tells it so
+                if (epoch := run.ledger.epoch_at(station)) > run.ledger.announced:
+                    self._publish("blocks", messages.epoch_message(run, self._incarnation, incarnation, epoch))
 
     # ---- what goes out
 
@@ -380,6 +395,7 @@ class CoordinatorSession:
     def _publish_map(self, active: ActiveRun) -> None:
         values = active.new_map()
         if values is not None:
+            active.map_at = self._now
             self._out.append(PublishMap(values))
 
     def _set_state(self, state: int, detail: str = "", run_id: str | None = None) -> None:

@@ -12,6 +12,15 @@ from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.run.directory import Run
 
+
+@dataclass
+class Counts:
+    """What has arrived: entries of receipts and verdicts that were used, and messages that were ignored."""
+
+    messages: int = 0
+    ignored: int = 0
+
+
 # ---- events
 
 
@@ -66,16 +75,18 @@ class HealthReceived:
 
 @dataclass(frozen=True)
 class ReceiptReceived:
-    """A Receipt has arrived, `data` in CDR."""
+    """A Receipt of a station has arrived, `data` in CDR."""
 
     data: bytes
+    station: str = ""
 
 
 @dataclass(frozen=True)
 class VerdictsReceived:
-    """A Verdicts message has arrived, `data` in CDR."""
+    """A Verdicts message of a station has arrived, `data` in CDR."""
 
     data: bytes
+    station: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,6 +131,13 @@ class Publish:
 
     topic: Literal["plan", "blocks"]
     data: bytes
+
+
+@dataclass(frozen=True)
+class ListenTo:
+    """Subscribe to the receipts and verdicts of a station: its first node is heard."""
+
+    station: str
 
 
 @dataclass(frozen=True)
@@ -175,4 +193,4 @@ class RunEnded:
     """The run is finished: its report is written and its directory released."""
 
 
-Instruction = Publish | PublishMap | PublishFeedback | AnswerGoal | SetState | Log | WriteResults | RunEnded
+Instruction = Publish | ListenTo | PublishMap | PublishFeedback | AnswerGoal | SetState | Log | WriteResults | RunEnded

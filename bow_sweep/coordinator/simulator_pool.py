@@ -7,7 +7,7 @@ whichever messages were lost in between. No ROS, no clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -48,6 +48,7 @@ class _Simulator:
     pid: int
     heard: float
     ready: bool = False
+    station: str = ""
     joined: bool = False  # it is in the ledger: blocks are sent to it
     pause: float = 0.0
     resume_at: float = 0.0
@@ -66,10 +67,18 @@ class Pool:
         Name of this machine: whether a silent process has ended can be seen only here.
     log_warning
         Takes a line for the log.
+    station_of
+        Returns the station of a simulator, by its name.
     """
 
-    def __init__(self, emit: Callable[[Event], None], host: str, log_warning: Callable[[str], object]) -> None:
-        self._emit, self._host, self._log_warning = emit, host, log_warning
+    def __init__(
+        self,
+        emit: Callable[[Event], None],
+        host: str,
+        log_warning: Callable[[str], object],
+        station_of: Callable[[str], str] = lambda _: "",
+    ) -> None:
+        self._emit, self._host, self._log_warning, self._station_of = emit, host, log_warning, station_of
         self._simulators: dict[str, _Simulator] = {}
         self._doubles: set[str] = set()
 
@@ -113,6 +122,7 @@ class Pool:
             if len(self._simulators) >= MAX_SIMULATORS:
                 return
             known = self._simulators[name] = _Simulator(message.incarnation, message.host, message.pid, now)
+            known.station = self._station_of(name)
         known.heard = now
         known.holds = _attempts(message.held_blocks, message.held_attempts)
         working = message.run_id == run_id and message.state in (NodeState.READY, NodeState.BUSY)
@@ -122,7 +132,9 @@ class Pool:
         elif known.joined:
             self._compare(name, known, _attempts(message.refused_blocks, message.refused_attempts), now)
 
-    def check(self, now: float, may_join: bool) -> None:
+    def check(
+        self, now: float, may_join: bool, only: str | None = None, stations: Collection[str] | None = None
+    ) -> None:
         """Forget simulators that have ended; if `may_join`, let those join that are ready.
 
         Parameters
@@ -131,18 +143,37 @@ class Pool:
             Seconds.
         may_join
             Whether recorder and classifier are ready for the work of more simulators.
+        only
+            Name of the simulator to look at; None for all.
+        stations
+            Those whose simulators may join; None for all.
         """
-        for name, simulator in list(self._simulators.items()):
+        for name in list(self._simulators) if only is None else [only]:
+            simulator = self._simulators.get(name)
+            if simulator is None:
+                continue
             silent = now - simulator.heard
             if self._has_ended(simulator, now):
                 # A process that still exists on this machine is stopped or stuck: its block is not the cause.
                 exists = simulator.host == self._host and not is_gone(simulator.host, simulator.pid, self._host)
                 why = f"silent for {silent:.0f} s" if silent > SILENT_S else "its process has ended"
                 self._forget(name, why, blame=not exists)
-            elif may_join and self._can_join(simulator, now):
+            elif may_join and (stations is None or simulator.station in stations) and self._can_join(simulator, now):
                 simulator.joined = True
                 simulator.sent.clear()
-                self._emit(SimulatorReady(name))
+                self._emit(SimulatorReady(name, simulator.station))
+
+    def release_stations(self, stations: Collection[str]) -> None:
+        """Give the blocks of these stations, whose recorder or classifier has gone, to others."""
+        for name, simulator in list(self._simulators.items()):
+            if simulator.joined and simulator.station in stations:
+                self._release(name, "the recorder or classifier of its station has gone", blame=False)
+
+    def holding(self) -> list[tuple[str, str]]:
+        """Return incarnation and station of the simulators that hold blocks and have no work of the ledger."""
+        return [
+            (each.incarnation, each.station) for each in self._simulators.values() if each.holds and not each.joined
+        ]
 
     def send(self, name: str, block: int, attempt: int, now: float) -> str:
         """Note that a block is sent to a simulator; return its incarnation, or "" if it has gone."""

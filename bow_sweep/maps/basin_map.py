@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,14 @@ def transient_lengths(regime: np.ndarray, transient: np.ndarray) -> np.ndarray:
         return by_tests
     latest = len(known) - 1 - known[::-1].argmax(axis=0)
     return np.where(known.any(axis=0), transient[latest, np.arange(transient.shape[1])], by_tests)
+
+
+def _place(cells: np.ndarray) -> np.ndarray | slice:
+    """Return the index of some cells: a slice where each follows the one before, as in most blocks."""
+    at = np.asarray(cells, np.intp)
+    if len(at) and at[-1] - at[0] == len(at) - 1 and (at[1:] > at[:-1]).all():
+        return slice(int(at[0]), int(at[-1]) + 1)
+    return at
 
 
 class Basin:
@@ -60,9 +68,13 @@ class Basin:
         self.layers: dict[str, np.ndarray] = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
         self.tested = np.zeros(shape[1], np.uint16)
         self.transient_periods = np.full(shape[1], np.nan, np.float32)
+        self._first_passed = np.full(shape[1], tests, np.int32)  # test; `tests` = none yet
+        self._latest_stated = np.full(shape[1], -1, np.int32)  # the latest test whose verdict has a transient
 
     def take(self, test: int, cells: np.ndarray, verdict: Mapping[str, Any]) -> None:
         """Store the verdicts of one test of some cells; the same verdicts a second time change nothing.
+
+        Its time does not depend on the number of tests, unless one of the cells has verdicts of this test already.
 
         Parameters
         ----------
@@ -73,16 +85,42 @@ class Basin:
         verdict
             Field -> (n,) values.
         """
+        at = _place(cells)
+        is_new = not (self.layers["regime"][test, at] != PENDING).any()
         for name, layer in self.layers.items():
-            layer[test, cells] = verdict[name]
-        regime = self.layers["regime"][:, cells]
-        self.tested[cells] = np.count_nonzero(regime != PENDING, axis=0)
-        self.transient_periods[cells] = transient_lengths(regime, self.layers["transient"][:, cells])
+            layer[test, at] = verdict[name]
+        if not is_new:  # what this test gave before may have to be taken back
+            self._derive(at)
+            return
+        regime, stated = self.layers["regime"][test, at], ~np.isnan(self.layers["transient"][test, at])
+        self.tested[at] += regime != PENDING
+        first = np.where(is_helmholtz(regime), np.minimum(self._first_passed[at], test), self._first_passed[at])
+        self._first_passed[at] = first
+        self.transient_periods[at] = np.where(first < self.tests, (first + 1) * CHUNK_PERIODS, 0)
+        latest = self._latest_stated[at]
+        if stated.any() or latest.max(initial=-1) >= 0:
+            latest = self._latest_stated[at] = np.where(stated, np.maximum(latest, test), latest)
+            known = np.arange(self.tested.size)[at][latest >= 0]
+            self.transient_periods[known] = self.layers["transient"][self._latest_stated[known], known]
+
+    def _derive(self, at: np.ndarray | slice) -> None:
+        """Derive what is kept of some cells from all of their tests, which takes as long as there are tests."""
+        regime, transient = self.layers["regime"][:, at], self.layers["transient"][:, at]
+        passed, stated = is_helmholtz(regime), ~np.isnan(transient)
+        self.tested[at] = np.count_nonzero(regime != PENDING, axis=0)
+        self._first_passed[at] = np.where(passed.any(axis=0), passed.argmax(axis=0), self.tests)
+        latest = len(stated) - 1 - stated[::-1].argmax(axis=0)
+        self._latest_stated[at] = np.where(stated.any(axis=0), latest, -1)
+        self.transient_periods[at] = transient_lengths(regime, transient)
 
     def latest(self, name: str) -> np.ndarray:
         """Return a layer at the latest test of every cell, (cells,)."""
-        layer = self.layers[name]
-        return layer[np.maximum(self.tested.astype(int), 1) - 1, np.arange(layer.shape[1])]
+        return self.latest_of((name,))[name]
+
+    def latest_of(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Return layers at the latest test of every cell: name -> (cells,)."""
+        at = (np.maximum(self.tested, 1) - np.intp(1)) * self.tested.size + np.arange(self.tested.size)
+        return {name: self.layers[name].reshape(-1).take(at) for name in names}
 
     def of_plane(self, values: np.ndarray) -> np.ndarray:
         """Return the values of the cells of the plane, (..., ny, nx), from those of all cells, (..., cells)."""

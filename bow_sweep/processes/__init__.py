@@ -12,5 +12,7 @@ launch_arguments reads the arguments of the launch files
 progress         the progress of a sweep on stderr
 new_directory    the directory of a run: created, locked, released
 run_graph        a graph from its first process to the finished run directory
+station_graph    the processes of `bow station`
+station_watch    watches them until the run is over
 replay_graph     classifies a bag through DDS
 """

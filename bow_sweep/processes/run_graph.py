@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from bow_sim.protocol.inspected import spread_cells
+from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
@@ -51,6 +52,7 @@ def run_graph(
     screen: Screen | None = None,
     sync: bool = True,
     lock: bool = True,
+    stations: int = 1,
 ) -> list[Path]:
     """Run a graph until the run in `directory` is finished.
 
@@ -74,6 +76,8 @@ def run_graph(
         A block is done only when it is on the disk.
     lock
         Lock the run directory.
+    stations
+        Number of stations among which the simulators are divided, see :mod:`bow_sim.protocol.stations`.
 
     Returns
     -------
@@ -102,22 +106,25 @@ def run_graph(
     if is_watched := screen is not None and bool(screen.uri):
         parameters["dashboard"]["connect"] = screen.uri
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
+    places = numbered(stations)
     finished = False
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            for role in ("coordinator", "recorder"):
-                supervisor.start(role)
+            supervisor.start("coordinator")
+            for station in places:
+                supervisor.start("recorder", station)
             if dashboard and is_watched:  # somebody waits for the picture
                 supervisor.start("dashboard")
             with interrupts.immediate():
                 load_compiled(sweep)
-            supervisor.start("classifier")
+            for station in places:
+                supervisor.start("classifier", station)
             for number in range(simulators):
                 if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
                     time.sleep(BETWEEN_S)
                     interrupts.check()
-                supervisor.start("simulator")
+                supervisor.start("simulator", places[number % stations])
             if dashboard and not is_watched:  # last: no other process waits for it
                 supervisor.start("dashboard")
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
@@ -130,7 +137,7 @@ def run_graph(
             killed = supervisor.stop(idle=finished)
             gc.enable()
             if killed:
-                display.print_line(f"had to kill {', '.join(child.name for child in killed)}: no answer to SIGINT")
+                display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")
     return supervisor.left_out
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import setproctitle
 
 from bow_sim.graph.shm_notes import SUPERVISED, remove_leftovers
+from bow_sim.protocol.stations import namespace_of
 from bow_sweep.processes.exit_status import DONE
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
 from bow_sweep.processes.roles import CHILD, MODULES
@@ -62,6 +63,8 @@ class Child:
         A key of :data:`bow_sweep.processes.roles.MODULES`, and the name of the node.
     log
         File with its stdout and stderr.
+    station
+        The station that it belongs to, see :mod:`bow_sim.protocol.stations`.
     started
         When it was started, seconds of the monotonic clock.
     worked
@@ -72,8 +75,14 @@ class Child:
     name: str
     process: Process
     log: Path
+    station: str = ""
     started: float = field(default_factory=time.monotonic)
     worked: bool = False
+
+    @property
+    def label(self) -> str:
+        """Its name as text for people, with that of its station."""
+        return f"{self.station}/{self.name}" if self.station else self.name
 
     def interrupt(self) -> None:
         """Send SIGINT, and SIGCONT before it: a stopped process would not get it."""
@@ -125,7 +134,7 @@ class Supervisor:
     Parameters
     ----------
     namespace
-        ROS namespace of the graph.
+        ROS namespace of the graph, that of the run; a station is in one below it.
     logs
         Directory for the log files, one for each process.
     parameters
@@ -149,7 +158,7 @@ class Supervisor:
         self.children: list[Child] = []
         self._released: list[Child] = []
         self._count: dict[str, int] = {}
-        self._exits: dict[str, list[float]] = {}  # role -> when its processes exited
+        self._exits: dict[tuple[str, str], list[float]] = {}  # role and station -> when its processes exited
         self.left_out: list[Path] = []
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
@@ -158,13 +167,14 @@ class Supervisor:
         self._logs_before = os.environ.get(ROS_LOGS)
         os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process and of its children
 
-    def start(self, role: str) -> Child:
-        """Start a process. Each simulator gets a new name, so that nobody takes one for its predecessor."""
+    def start(self, role: str, station: str = "") -> Child:
+        """Start a process, in a station. Each simulator gets a new name: nobody takes one for its predecessor."""
         self._count[role] = self._count.get(role, 0) + 1
         name = f"simulator_{self._count[role]}" if role == "simulator" else role
-        log = self.logs / f"{name}.log"
+        of_log = f"{station}_{name}" if station else name
+        log = self.logs / f"{of_log}.log"
         cleaner = self._running_cleaner()
-        command = [MODULES[role], "--ros-args", *self._arguments(role, name)]
+        command = [MODULES[role], "--ros-args", *self._arguments(role, name, station, of_log)]
         environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         nice = 0 if self.screen.process else NICE.get(role, 0)
         process: Process
@@ -174,7 +184,7 @@ class Supervisor:
             python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]
             process = Spawned([*python, *command], log, {**os.environ, **environment}, partial(_prepare_child, nice))
         cleaner.watch(process.pid)
-        child = Child(role, name, process, log)
+        child = Child(role, name, process, log, station)
         self.children.append(child)
         return child
 
@@ -186,9 +196,11 @@ class Supervisor:
             self._cleaner = ShmCleaner(self.logs, self.namespace, pids)
         return self._cleaner
 
-    def _arguments(self, role: str, name: str) -> list[str]:
-        arguments = ["-r", f"__node:={name}", "-r", f"__ns:={self.namespace}", "--log-file-name", name]
-        for key, value in self.parameters.get(role, {}).items():
+    def _arguments(self, role: str, name: str, station: str, of_log: str) -> list[str]:
+        namespace = namespace_of(self.namespace, station)
+        arguments = ["-r", f"__node:={name}", "-r", f"__ns:={namespace}", "--log-file-name", of_log]
+        place = {"station": station} if station else {}
+        for key, value in {**self.parameters.get(role, {}), **place}.items():
             arguments += ["-p", f"{key}:={_yaml(value)}"]
         return arguments
 
@@ -209,7 +221,8 @@ class Supervisor:
         child = exit_.child
         if child.role not in SPECTATORS:
             return ""
-        exits = self._exits[child.role] = [*self._exits.get(child.role, []), time.monotonic()]
+        place = (child.role, child.station)
+        exits = self._exits[place] = [*self._exits.get(place, []), time.monotonic()]
         failed = exit_.status in range(1, 256)
         if len(exits) < CRASHES and (child.worked or not failed):
             return ""
@@ -236,14 +249,14 @@ class Supervisor:
         """
         child = exit_.child
         if (child.role == "simulator" and child.worked) or child.role in SPECTATORS:
-            return self.start(child.role)
-        now = time.monotonic()
-        recent = [when for when in self._exits.get(child.role, []) if now - when < CRASHES_WITHIN_S]
-        self._exits[child.role] = [*recent, now]
+            return self.start(child.role, child.station)
+        now, place = time.monotonic(), (child.role, child.station)
+        recent = [when for when in self._exits.get(place, []) if now - when < CRASHES_WITHIN_S]
+        self._exits[place] = [*recent, now]
         short_lived = now - child.started < CRASHES_WITHIN_S / CRASHES
         if len(recent) + 1 >= CRASHES and short_lived and exit_.status >= 0:
-            raise GraphError(f"{child.name} ended {CRASHES} times ({exit_.cause}):\n{tail(child.log)}")
-        return self.start(child.role)
+            raise GraphError(f"{child.label} ended {CRASHES} times ({exit_.cause}):\n{tail(child.log)}")
+        return self.start(child.role, child.station)
 
     def release(self, roles: Sequence[str]) -> None:
         """Interrupt the processes of roles whose work is over; do not wait for them, nor report their exit."""

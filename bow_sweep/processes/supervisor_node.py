@@ -25,6 +25,7 @@ from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
 from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, AwakeClock, Neighbour
+from bow_sim.protocol.stations import namespace_of
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display, Progress
 from bow_sweep.processes.supervisor import SPECTATORS, Exit, GraphError, Supervisor, tail
@@ -55,8 +56,8 @@ class Observed:
         How far the sweep is, from the latest map; None before the first.
     failed
         Why recorder or classifier cannot go on; "" otherwise.
-    details
-        Role -> detail of its latest heartbeat.
+    details, states
+        Role -> detail and state of its latest heartbeat.
     news
         Lines for the user -> whether the line is still to be printed.
     ours
@@ -65,6 +66,8 @@ class Observed:
         Those of them whose heartbeats have arrived.
     closed
         The plan is closed: nothing more will be simulated.
+    coordinator_at
+        When the coordinator of another machine was heard last; for a station.
     waits
         What the coordinator waits for, and since when.
     """
@@ -74,10 +77,12 @@ class Observed:
     progress: Progress | None = None
     failed: str = ""
     details: dict[str, str] = field(default_factory=dict)
+    states: dict[str, int] = field(default_factory=dict)
     news: dict[str, bool] = field(default_factory=dict)
     ours: set[int] = field(default_factory=set)
     heard: set[int] = field(default_factory=set)
     closed: bool = False
+    coordinator_at: float | None = None
     waits: tuple[str, float] = ("", 0.0)
 
     def note_waiting(self, what: str, now: float) -> None:
@@ -96,9 +101,9 @@ class SupervisorNode(BowNode):
         super().__init__("supervisor", name, context=context)
         self._seen = seen
         # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
-        self._exits = self.create_publisher(Health, "health", LATCHED_DEEP)
-        self.create_subscription(BasinMap, "basin_map", self._on_map, LATCHED, raw=True)
-        self.create_subscription(Plan, "plan", self._on_plan, LATCHED_DEEP, raw=True)
+        self._exits = self.create_publisher(Health, self.topic("health"), LATCHED_DEEP)
+        self.create_subscription(BasinMap, self.topic("basin_map"), self._on_map, LATCHED, raw=True)
+        self.create_subscription(Plan, self.topic("plan"), self._on_plan, LATCHED_DEEP, raw=True)
         self.set_state(Health.READY)
 
     def _on_map(self, data: bytes) -> None:
@@ -118,7 +123,7 @@ class SupervisorNode(BowNode):
     def _on_plan(self, data: bytes) -> None:
         with contextlib.suppress(cdr.WireError):
             plan = cdr.decode("Plan", data)
-            self._seen.closed |= plan["state"] == Plan.CLOSED and self.get_namespace() == f"/bow/{plan['run_id']}"
+            self._seen.closed |= plan["state"] == Plan.CLOSED and self.run_namespace == f"/bow/{plan['run_id']}"
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Take in a heartbeat of our processes; those that others have started in this namespace do not count."""
@@ -126,10 +131,12 @@ class SupervisorNode(BowNode):
         if message.host != self.health.host or message.pid not in seen.ours:
             return
         now = seen.awake.now()
-        seen.details[message.role] = message.detail
+        seen.details[message.role], seen.states[message.role] = message.detail, message.state
         if message.state != Health.DEAD:
             seen.heard.add(message.pid)
-            seen.watchdog.heartbeat(message.pid, message.role, message.state, message.run_id, now)
+            seen.watchdog.heartbeat(
+                message.pid, message.role, message.state, message.run_id, now, message.incarnation, message.hears
+            )
         if message.role == "coordinator":
             seen.note_waiting(message.detail if message.state == Health.STARTING else "", now)
         if message.state == Health.FAILED and message.role in CONSUMERS:
@@ -143,7 +150,7 @@ class SupervisorNode(BowNode):
         """Publish that a process has exited."""
         message = Health(
             role=exit_.child.role,
-            node=f"{self.get_namespace()}/{exit_.child.name}",
+            node=f"{namespace_of(self.run_namespace, exit_.child.station)}/{exit_.child.name}",
             pid=exit_.child.process.pid,
             host=self.health.host,
             state=Health.DEAD,
@@ -183,10 +190,15 @@ class Connection:
         The run that the watchdog begins with.
     make
         Makes the node.
+    station
+        That the node is in; "" for a node of the run.
     """
 
-    def __init__(self, namespace: str, run_id: str, make: type[SupervisorNode] = SupervisorNode) -> None:
-        self._arguments = ["bow", "--ros-args", "-r", f"__ns:={namespace}", "--log-file-name", "supervisor"]
+    def __init__(
+        self, namespace: str, run_id: str, make: type[SupervisorNode] = SupervisorNode, station: str = ""
+    ) -> None:
+        place = ["-r", f"__ns:={namespace_of(namespace, station)}", *(["-p", f"station:={station}"] if station else [])]
+        self._arguments = ["bow", "--ros-args", *place, "--log-file-name", "supervisor"]
         self._make = make
         self.seen = Observed(Watchdog(run_id))
         self._made: list[tuple[Context, Executor, SupervisorNode]] = []
@@ -235,22 +247,14 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
     while True:
         graph.spin(0.05)
         interrupts.check()
-        for line in [text for text, new in seen.news.items() if new]:
-            seen.news[line] = False
-            display.print_line(line)
+        print_news(seen, display)
         for exit_ in supervisor.exited():
-            child = exit_.child
-            if child.role == "coordinator":
-                if exit_.status == 0:
-                    return
-                raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(child.log)}")
-            graph.report_exit(exit_)
-            child.worked = child.process.pid in seen.watchdog.worked
-            if why := supervisor.why_left_out(exit_):
-                display.print_line(f"the sweep goes on without {child.name} ({why}); see {child.log}")
-                continue
-            display.print_line(f"{child.name} ended ({exit_.cause}), starting it again; see {child.log}")
-            supervisor.restart(exit_)
+            if exit_.child.role != "coordinator":
+                restart_exited(supervisor, graph, [exit_], display)
+            elif exit_.status == 0:
+                return
+            else:
+                raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(exit_.child.log)}")
         seen.ours = {child.process.pid for child in supervisor.children}
         if seen.watchdog.must_join_again(seen.awake.now()):
             display.print_line("the coordinator is not heard any more: joining the graph again")
@@ -264,6 +268,32 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         if problem := supervisor.screen.problem():
             display.print_line(problem)
         display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
+
+
+def print_news(seen: Observed, display: Display) -> None:
+    """Print the lines that were not printed yet."""
+    for line in [text for text, new in seen.news.items() if new]:
+        seen.news[line] = False
+        display.print_line(line)
+
+
+def restart_exited(supervisor: Supervisor, graph: Connection, exits: list[Exit], display: Display) -> None:
+    """Report exits to the graph, and start the processes again that it needs.
+
+    Raises
+    ------
+    GraphError
+        Where one exits again and again.
+    """
+    for exit_ in exits:
+        child = exit_.child
+        graph.report_exit(exit_)
+        child.worked = child.process.pid in graph.seen.watchdog.worked
+        if why := supervisor.why_left_out(exit_):
+            display.print_line(f"the sweep goes on without {child.label} ({why}); see {child.log}")
+            continue
+        display.print_line(f"{child.label} ended ({exit_.cause}), starting it again; see {child.log}")
+        supervisor.restart(exit_)
 
 
 def restart_unresponsive(
@@ -293,24 +323,25 @@ def restart_unresponsive(
     children = {child.process.pid: child for child in supervisor.children}
     needed = {pid: child for pid, child in children.items() if child.role not in SPECTATORS}
     if seen.awake.slept > SUSPENDED_S:
-        watchdog.note_stop()
+        watchdog.note_stop(now)
     stopped = watchdog.suspend_timeouts(needed, now)
     if stopped:
-        names = ", ".join(sorted(children[pid].name for pid in stopped))
+        names = ", ".join(sorted(children[pid].label for pid in stopped))
         seen.news.setdefault(f"stopped by somebody (SIGSTOP): {names}; the sweep waits until they go on", True)
         return
     unheard = watchdog.unheard(children, now)
     unheard -= {pid for pid in unheard - needed.keys() if usage(pid).stopped}  # the sweep does not need these
     if needed and unheard >= needed.keys():
-        names = ", ".join(child.name for child in needed.values())
-        raise GraphError(f"no heartbeat from {names} for {UNHEARD_S:g} s. Check: {_hints()}")
-    for pid in (unheard | watchdog.stuck(now)) & children.keys():
+        names = ", ".join(child.label for child in needed.values())
+        raise GraphError(f"no heartbeat from {names} for {UNHEARD_S:g} s. Check: {hints()}")
+    for pid in (unheard | watchdog.stuck(now, needed)) & children.keys():
         child = children[pid]
         restarts[child.role] += 1
-        why = f"no heartbeat from {child.name}" if pid in unheard else f"{child.name} is not connected to the others"
-        too_often = restarts[child.role] > RESTARTS * max(1, len(children) // 4) and pid in needed
+        why = f"no heartbeat from {child.label}" if pid in unheard else f"{child.label} is not connected to the others"
+        of_role = sum(other.role == child.role for other in children.values())
+        too_often = restarts[child.role] > RESTARTS * of_role and pid in needed
         if too_often or (child.role == "coordinator" and not stays):
-            raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {_hints()}")
+            raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {hints()}")
         print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
     if watchdog.is_stalled(now) and not seen.closed:
@@ -324,5 +355,6 @@ def restart_unresponsive(
                 child.process.kill()
 
 
-def _hints() -> str:
+def hints() -> str:
+    """Return what to look at where nodes do not hear each other, as text for people."""
     return "; ".join(network_hints(os.environ))

@@ -23,13 +23,14 @@ UNHEARD_S = 15.0
 
 LOST_S, JOINS = 6.0, 2
 """The supervisor joins the graph again when the coordinator, heard before, is not heard for this long, and this often
-until it is heard: after a stop that is longer than the lease of DDS, two participants may not find each other again."""
+until it is heard: after a stop that is longer than the lease of DDS, two participants may not find each other again. It
+does so after a stop also where the coordinator was never heard."""
 
 STALL_S = 300.0
 """A sweep without progress for this long, while no process is stopped, is given up; it can be resumed."""
 
 RESTARTS = 3
-"""A role is restarted this often because its heartbeats do not arrive; more often does not help."""
+"""Each process of a role is restarted this often because its heartbeats do not arrive; more often does not help."""
 
 BUSY_SHARE, BUSY_BYTES = 0.2, 1e6
 """A process is busy, and may be starting, that uses (or waits for) this share of a core, or moves this many bytes/s."""
@@ -75,6 +76,13 @@ class _Starting(NamedTuple):
     since: float
 
 
+class _Peer(NamedTuple):
+    """A process that was heard: its incarnation, and since when it is heard."""
+
+    incarnation: str
+    since: float
+
+
 class Watchdog:
     """Decides by heartbeats and CPU use which processes of a graph are stuck, unheard, or stalled.
 
@@ -96,18 +104,46 @@ class Watchdog:
         self._usage: dict[int, tuple[Usage, float]] = {}  # at the beginning of a second, and when that was
         self._ran: dict[int, list[bool]] = {}  # whether it ran, at each check since then
         self._coordinator: tuple[int, float] = (0, math.inf)  # its process, and when it was heard
+        self._peers: dict[int, _Peer] = {}  # recorder, classifier and simulators
+        self._heard_by_coordinator: set[str] = set()  # incarnations
         self._joins = 0  # since then
         self._progress: tuple[object, float] = (None, 0.0)
         self.worked: set[int] = set()
         """Processes that have been ready."""
 
-    def heartbeat(self, pid: int, role: str, state: int, run_id: str, now: float) -> None:
-        """Take in a heartbeat of one of our processes: a :class:`NodeState`, and the run that it works for."""
+    def heartbeat(
+        self,
+        pid: int,
+        role: str,
+        state: int,
+        run_id: str,
+        now: float,
+        incarnation: str = "",
+        hears: Collection[str] = (),
+    ) -> None:
+        """Take in a heartbeat of one of our processes.
+
+        Parameters
+        ----------
+        state
+            A :class:`NodeState`.
+        run_id
+            The run that it works for.
+        now
+            Seconds.
+        incarnation
+            Of the process.
+        hears
+            As in a Health: an incarnation, and what arrives from it.
+        """
         self._heard[pid] = now
         if role == "coordinator":
             self._coordinator, self._joins = (pid, now), 0
+            self._heard_by_coordinator = {words.split()[0] for words in hears if words}
             if run_id == self.run_id:
                 self._opened = min(self._opened, now)
+        elif role in (*CONSUMERS, "simulator"):
+            self._peers.setdefault(pid, _Peer(incarnation, now))
         if state in (NodeState.READY, NodeState.BUSY):
             self.worked.add(pid)
         without_run = role in CONSUMERS and run_id != self.run_id
@@ -126,7 +162,7 @@ class Watchdog:
         """Restart all timeouts while one of the processes is stopped; return those that are stopped."""
         stopped = {pid for pid in pids if self._read_usage(pid).stopped}
         if stopped:
-            self.note_stop()
+            self.note_stop(now)
             self._restart_timeouts(now)
         return stopped
 
@@ -147,19 +183,38 @@ class Watchdog:
         pid, heard = self._coordinator
         self._coordinator = (pid, max(heard, now))
 
-    def note_stop(self) -> None:
-        """A process was stopped, or the machine slept: DDS may have lost connections that it does not find again."""
-        self._patience = AFTER_STOP_S
+    def note_stop(self, now: float) -> None:
+        """A process was stopped, or the machine slept: DDS may have lost connections that it does not find again.
 
-    def stuck(self, now: float) -> set[int]:
+        Also that to a coordinator which was not heard yet.
+        """
+        self._patience = AFTER_STOP_S
+        pid, heard = self._coordinator
+        self._coordinator = (pid, heard if heard < math.inf else now)
+
+    def stuck(self, now: float, needed: Collection[int] = ()) -> set[int]:
         """Return the processes to restart because they are not ready; the timeouts of all others start again.
 
         Processes that are not ready wait for each other. First in question is a recorder or classifier that has not
-        opened the run, then one that other nodes do not hear, then simulators.
+        opened the run, then one that other nodes do not hear, then simulators. If all these are ready and the
+        coordinator is not, it is they that it does not hear; last in question is the coordinator itself.
+
+        Parameters
+        ----------
+        now
+            Seconds.
+        needed
+            The processes without which the sweep does not go on. One that was never heard may still be starting.
         """
         since = {pid: max(process.since, self._opened) for pid, process in self._starting.items()}
         consumers = {pid for pid, process in self._starting.items() if process.role in CONSUMERS}
-        candidates = (self._without_run & consumers) or consumers or since.keys()
+        coordinator = self._coordinator[0]
+        candidates = (self._without_run & consumers) or consumers or since.keys() - {coordinator}
+        if not candidates and coordinator in since and not set(needed) - self._peers.keys() - {coordinator}:
+            lost = {pid: self._peers[pid] for pid in needed if pid != coordinator}
+            lost = {pid: peer for pid, peer in lost.items() if peer.incarnation not in self._heard_by_coordinator}
+            since |= {pid: max(peer.since, since[coordinator]) for pid, peer in lost.items()}
+            candidates = set(lost) or {coordinator}
         stuck = {pid for pid in candidates if now - since[pid] > self._patience}
         if stuck:
             self._without_run -= stuck

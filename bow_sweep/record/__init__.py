@@ -18,6 +18,8 @@ session         one run being recorded: bytes in, receipts out
 node            the recorder node
 bag_contents    what is in a bag, read byte by byte
 index_contents  what is in a bag by its index
+collect         bags of stations brought to their run
+run_bags        all bags of a run, read as one
 replay          classifies a bag again
 again           blocks computed again, where streams are not recorded
 verify_files    map, report and ledger against the bag

@@ -7,14 +7,20 @@ import shutil
 from pathlib import Path
 
 from bow_sim.atomic_files import sync_directory
+from bow_sweep.record.bag import station_of_bag
 
 PIECE = 1 << 22
 """Bytes copied at a time."""
 
 
 def folder_of(directory: Path) -> Path:
-    """Return the folder for what is taken out of a bag: beside it, so that no reader of the bag finds it."""
+    """Return the folder for what is taken out of a bag: beside it, so that no reader of the bag finds it.
+
+    For the bag of a station, ``bag/NAME``, it is ``bag_aside/NAME``.
+    """
     directory = directory.absolute()
+    if station_of_bag(directory):
+        return folder_of(directory.parent) / directory.name
     return directory.with_name(f"{directory.name}_aside")
 
 
@@ -29,7 +35,7 @@ def free_name(path: Path) -> Path:
 
 def _place(path: Path, name: str) -> Path:
     folder = folder_of(path.parent)
-    folder.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     return free_name(folder / name)
 
 

@@ -1,7 +1,9 @@
 """A bag: a directory in the format of rosbag2. After every interruption recording continues in a new MCAP file.
 
-``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ... The `sequence` field of messages counts through all
-files, so a message that is taken out leaves a gap.
+``bag/metadata.yaml``, ``bag/bag_0.mcap``, ``bag/bag_1.mcap`` ...; of a station NAME ``bag/NAME/metadata.yaml``,
+``bag/NAME/NAME_0.mcap`` ... (:mod:`bow_sim.protocol.stations`). The `sequence` field of messages counts through all
+files of a bag, so a message that is taken out leaves a gap. :mod:`bow_sweep.record.run_bags` reads all bags of a run as
+one.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Any, NamedTuple
 from mcap.records import Metadata
 
 from bow_sim.atomic_files import replacing, sync_directory
+from bow_sim.protocol.stations import NAME
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import Contents, McapWriter
@@ -23,7 +26,7 @@ from bow_sweep.record.topics import Topic, short_name
 
 METADATA = "metadata.yaml"
 FOLDER = "bag"
-"""Name of the bag in a run directory."""
+"""Name of the bag in a run directory, in which those of its stations are, ``bag/NAME``."""
 
 
 class BagError(ValueError):
@@ -55,20 +58,54 @@ class BagMessage(NamedTuple):
         return len(self.data) - len(self.lacking) + self.unread
 
 
+def bag_folder(run_directory: Path, station: str = "") -> Path:
+    """Return where the bag of a station is, or will be: bag/ of the station without a name, bag/NAME/ of others."""
+    return run_directory / FOLDER / station if station else run_directory / FOLDER
+
+
+def station_bags(run_directory: Path) -> dict[str, Path]:
+    """Return station -> its bag, for all bags of a run directory; the station without a name is the first."""
+    return bags_in(run_directory / FOLDER)
+
+
 def bag_of(run_directory: Path) -> Path:
-    """Return the bag of a run directory, or the directory itself if it is a bag.
+    """Return the folder of a run's bags; or the directory itself if it is a bag, or the folder of some.
 
     Raises
     ------
     BagError
-        Where there is none.
+        Where there is no bag.
     """
     run_directory = Path(run_directory)
     for directory in (run_directory / FOLDER, run_directory):
-        if bag_files(directory):
+        if bags_in(directory):
             return directory
     what = "holds no bag" if run_directory.is_dir() else "is no directory"
-    raise BagError(f"{run_directory}: {what}; a run directory has {FOLDER}/{FOLDER}_0.mcap")
+    raise BagError(f"{run_directory}: {what}; a run directory has {FOLDER}/{FOLDER}_0.mcap, or {FOLDER}/STATION/")
+
+
+def bags_in(directory: Path) -> dict[str, Path]:
+    """Return the bags of a run by their stations, "" first: `directory` itself, and those in it if it is ``bag/``.
+
+    The bag of a station alone, ``bag/NAME``, has the station's name.
+    """
+    own = station_of_bag(directory)
+    bags = {own: directory} if bag_files(directory) else {}
+    if not own and directory.name == FOLDER and directory.is_dir():
+        inside = {path.name: path for path in sorted(directory.iterdir()) if station_of_bag(path)}
+        bags |= {station: path for station, path in inside.items() if bag_files(path)}
+    return bags
+
+
+def station_of_bag(directory: Path) -> str:
+    """Return the station of a bag by its place, ``bag/NAME``; "" for that of the coordinator's machine."""
+    return directory.name if directory.parent.name == FOLDER and NAME.fullmatch(directory.name) else ""
+
+
+def run_of_bag(directory: Path) -> Path:
+    """Return the run directory of a bag, or of the folder of a run's bags; the directory itself if it is in none."""
+    folder = directory.parent if station_of_bag(directory) else directory
+    return folder.parent if folder.name == FOLDER else directory
 
 
 def bag_files(directory: Path) -> list[Path]:
@@ -194,6 +231,10 @@ class BagWriter:
     def commit(self) -> None:
         """Write the pending messages, as one chunk with its index; see `McapWriter.commit`."""
         self._file.commit()
+
+    def take_bulk(self) -> list[tuple[int, int]]:
+        """Return where large messages are that were committed since the last call; see `McapWriter.take_bulk`."""
+        return self._file.take_bulk()
 
     def fileno(self) -> int:
         """Return the descriptor of the file, for syncs; it is closed at the end."""

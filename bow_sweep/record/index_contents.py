@@ -24,6 +24,7 @@ from bow_sweep.record.mcap_records import PARSE_ERRORS, Message
 from bow_sweep.record.mcap_writer import (
     CHUNK_HEAD,
     FOOTER_SIZE,
+    HEAD,
     MAGIC,
     MESSAGE_FIXED,
     MESSAGE_HEAD,
@@ -32,9 +33,6 @@ from bow_sweep.record.mcap_writer import (
 )
 from bow_sweep.record.metadata import FileInfo
 from bow_sweep.record.topics import STORED_ONCE, short_name
-
-HEAD = 512
-"""Bytes that are read of a stream message: its identity and checksum are in the first hundred."""
 
 READ_WHOLE = ("plan", "verdicts", "receipts")
 """Topics whose messages are read completely."""

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from isal.isal_zlib import crc32
+from isal.isal_zlib import crc32, crc32_combine
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -49,6 +49,20 @@ APPLICATION_OPCODES = 0x80
 
 COVERED = 0xB0
 """Opcode of a record that covers damaged bytes."""
+
+PIECE = 1 << 18
+"""Bytes that are written at a time, up to the next multiple of it in the file.
+
+Linux keeps what is written at a time in blocks of memory of that size, 2 MB at most. Blocks of 2 MB are those that a
+virtual machine has given back to its host, and getting them again took four times as long as writing into them. Blocks
+of this size also fit into a message, so that they can be dropped from memory where only its contents are in them.
+"""
+
+HEAD = 512
+"""Bytes that a check by index reads of a stream message: its identity and checksum are in the first hundred."""
+
+BULK = 2 * PIECE
+"""A message of so many bytes is large: some of its blocks of memory have nothing but its contents."""
 
 _MAX_PARTS = 512  # os.writev takes 1024 at most
 
@@ -177,6 +191,7 @@ class McapWriter:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._offset = 0
         self._crc = 0
+        self._bulk: list[tuple[int, int]] = []
         self._reset()
         start = MAGIC + pack(Header("ros2", LIBRARY), *self.contents.schemas.values(), *self.contents.channels.values())
         for note in notes:
@@ -238,15 +253,29 @@ class McapWriter:
             message_start_time=self._start,
             uncompressed_size=size,
         )
+        offset = self._offset
         self._append([head, *self._parts, index])
-        for part in (head, *self._parts, index):
-            self._crc = crc32(part, self._crc)
+        self._note_bulk(offset + len(head))
+        # The CRC of the messages is known: that of the file is joined from it, without reading them again.
+        self._crc = crc32(index, crc32_combine(crc32(head, self._crc), self._chunk_crc, size))
         contents = self.contents
         contents.note_time(self._start, self._end, first=not contents.chunks)
         contents.chunks.append(chunk)
         for channel, entries in self._entries.items():
             contents.counts[channel] += len(entries)
         self._reset()
+
+    def _note_bulk(self, offset: int) -> None:
+        """Note where the large messages are of the chunk whose messages begin at `offset`."""
+        for part in self._parts:
+            if len(part) >= BULK:
+                self._bulk.append((offset + HEAD, offset + len(part)))
+            offset += len(part)
+
+    def take_bulk(self) -> list[tuple[int, int]]:
+        """Return (first, end) in the file of the large messages committed since the last call, without their heads."""
+        bulk, self._bulk = self._bulk, []
+        return bulk
 
     def finish(self) -> None:
         """Commit, write summary and footer, sync the file to the disk, close it.
@@ -275,10 +304,8 @@ class McapWriter:
 
     def _append(self, parts: list[bytes | memoryview]) -> None:
         total = sum(map(len, parts))
-        if len(parts) > _MAX_PARTS:
-            parts = [b"".join(parts)]
         try:
-            write_all(self._fd, parts)
+            write_all(self._fd, parts, self._offset)
         except OSError:
             os.ftruncate(self._fd, self._offset)
             os.lseek(self._fd, self._offset, os.SEEK_SET)
@@ -286,15 +313,21 @@ class McapWriter:
         self._offset += total
 
 
-def write_all(fd: int, parts: list[bytes | memoryview]) -> None:
-    """Write all parts; a single call may write fewer bytes."""
-    left: list[bytes | memoryview] = [part for part in parts if len(part)]
-    while left:
-        written = os.writev(fd, left)
-        done = 0
-        while done < len(left) and written >= len(left[done]):
-            written -= len(left[done])
-            done += 1
-        left = left[done:]
-        if left and written:
-            left[0] = memoryview(left[0])[written:]
+def write_all(fd: int, parts: Iterable[bytes | memoryview], offset: int) -> None:
+    """Write all parts at `offset`, where the file ends, in pieces that end at multiples of `PIECE`."""
+    left = [memoryview(part) for part in parts if len(part)]
+    at = 0  # of what is left
+    while at < len(left):
+        piece, room = [], PIECE - offset % PIECE
+        for part in left[at : at + _MAX_PARTS]:
+            piece.append(part[:room])
+            room -= len(piece[-1])
+            if not room:
+                break
+        written = os.writev(fd, piece)  # perhaps less than asked for
+        offset += written
+        while at < len(left) and written >= len(left[at]):
+            written -= len(left[at])
+            at += 1
+        if written:
+            left[at] = left[at][written:]

@@ -23,8 +23,9 @@ from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import SILENT_S, Neighbour
 from bow_sim.protocol.states import PlanState
+from bow_sim.protocol.stations import station_of
 from bow_sim.protocol.sweep_outline import SweepOutline
-from bow_sweep.record.bag import FOLDER, BagError
+from bow_sweep.record.bag import BagError, bag_folder
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
 from bow_sweep.record.topics import STORED_ONCE, TOPICS, Qos, Topic
 from bow_sweep.run.lock import LockedError, LockError
@@ -35,6 +36,7 @@ usage: ros2 run bow recorder [--ros-args -r __ns:=/bow/RUN -p runs_dir:=runs | -
 
 Records everything on the graph of its namespace (default /bow): when the latched topic `plan` opens a run, into the
 rosbag2 directory <runs_dir>/<run_id>/bag, or <run_dir>/bag; when it closes it, the bag is finished.
+In the namespace /bow/RUN/NAME with -p station:=NAME it records the station NAME of the run, into bag/NAME.
 Answers on `receipts` for every chunk and verdict that is in the file.
 """
 
@@ -46,6 +48,9 @@ COMPLAINTS = 20
 
 AGAIN_S = 2.0
 """Between two receipts for a block that is on the disk and not done: the first may be lost."""
+
+RUN_ROLES = ("coordinator", "dashboard", "supervisor")
+"""Nodes of the run whose log the recorder of each station records."""
 
 READERS = (("receipts", "coordinator"),)
 """Pairs of topic and the role that has to receive it."""
@@ -89,12 +94,14 @@ class RecorderNode(BowNode):
         self._complained = self._counted = 0
         self._waits_until = self._answered_again_at = 0.0
         self._loggers = self.get_namespace().strip("/").replace("/", ".")
+        run = self.run_namespace.strip("/").replace("/", ".")
+        self._shared_loggers = tuple(f"{run}.{role}" for role in RUN_ROLES) if self.station else ()
         self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
         self.subscribe_plan(self._on_plan)
         for topic in TOPICS.values():
             if topic.name not in ("plan", "receipts"):  # the session writes our receipts
                 kind, qos = _class_of(topic), subscription_qos(topic.qos)
-                self.create_subscription(kind, topic.name, self._taker(topic, kind), qos, raw=True)
+                self.create_subscription(kind, self.topic(topic.name), self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
         self.set_state(Health.READY, "waits for a plan")
 
@@ -122,13 +129,16 @@ class RecorderNode(BowNode):
 
     def _readable(self, topic: Topic, kind: type, data: bytes) -> bool:
         """Whether a message without identity may enter the bag: it can be decoded, and is of this namespace."""
-        if topic.name == "/rosout" and not log_name(data).startswith(self._loggers):
+        if topic.name == "/rosout" and not log_name(data).startswith((self._loggers, *self._shared_loggers)):
             return False
         try:
             message = deserialize_message(data, kind)
+            if topic.name == "health":
+                return self.concerns(message.role, message.node)
             if topic.name == "/diagnostics":  # all graphs of a domain share it
-                nodes = (status.name.partition(":")[0] for status in message.status)
-                return {node.rpartition("/")[0] for node in nodes} == {self.get_namespace()}
+                nodes = [status.name.partition(":")[0] for status in message.status]
+                stations = [station_of(node, self.run_namespace) for node in nodes]
+                return "" in stations and None not in stations  # of the coordinator of this run
         except Exception:  # the type support may raise any exception
             self.health.ignored += 1
             return False
@@ -178,10 +188,10 @@ class RecorderNode(BowNode):
             SweepOutline.of(plan)  # checks the run_id before it names a directory
             place = find_place(self._places, run)
             directory = self._run_dir or (place.directory if place else self._runs_dir / run)
-            if plan["state"] == PlanState.CLOSED and not (directory / FOLDER).is_dir():
+            if plan["state"] == PlanState.CLOSED and not bag_folder(directory, self.station).is_dir():
                 return  # the run ended before this recorder started
             session = (directory, plan, data, self.incarnation, time.time_ns())
-            self._session = Session(*session, sync=self._sync, lock=self._locks)
+            self._session = Session(*session, sync=self._sync, lock=self._locks, station=self.station)
         except LockedError as error:
             self._waiting = (plan, data)
             self.set_state(Health.STARTING, str(error), run)

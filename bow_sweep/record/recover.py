@@ -12,6 +12,7 @@ Of bags by other writers only torn files are repaired; complete ones are not tou
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from isal.isal_zlib import crc32
 from mcap.records import Header
 
 from bow_sweep.record.aside import copy_aside, set_aside
-from bow_sweep.record.bag import FOLDER, METADATA, bag_of, write_metadata
+from bow_sweep.record.bag import METADATA, bag_of, bags_in, run_of_bag, write_metadata
 from bow_sweep.record.bag_contents import RunIdentity
 from bow_sweep.record.inspection import ASIDE, KEEP, MEND, REFUSE, Inspection, Part, inspect
 from bow_sweep.record.mcap_reader import Scan
@@ -27,7 +28,7 @@ from bow_sweep.record.mcap_writer import COVERED, LIBRARY, MAGIC, RECORD_HEAD, p
 from bow_sweep.record.metadata import MetadataError, differences, others_part, parse, with_custom_data
 from bow_sweep.record.notes import custom_data
 from bow_sweep.run.ledger_file import read_leniently
-from bow_sweep.run.lock import locked
+from bow_sweep.run.lock import locked, recorder_of
 
 NAMES_ITS_RUN = 3
 """From this version of the record on, metadata.yaml names the run."""
@@ -56,13 +57,13 @@ def finish_file(scan: Scan) -> None:
     descriptor = os.open(scan.path, os.O_RDWR | os.O_CLOEXEC)
     try:
         os.ftruncate(descriptor, scan.good_end)
-        os.lseek(descriptor, scan.good_end, os.SEEK_SET)
+        end = os.lseek(descriptor, scan.good_end, os.SEEK_SET)
         start = b"" if scan.good_end >= len(MAGIC) else MAGIC[scan.good_end :]
         if not scan.library:
             start += pack(Header("ros2", LIBRARY))
         data_crc = crc32(start, scan.data_crc)
         start += scan.missing_index
-        write_all(descriptor, [start, scan.contents.ending(scan.good_end + len(start), data_crc)])
+        write_all(descriptor, [start, scan.contents.ending(end + len(start), data_crc)], end)
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
@@ -208,7 +209,7 @@ def _repair_metadata(directory: Path, found: Inspection, dry_run: bool) -> _Meta
 
 
 def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> dict[str, Any]:
-    """Repair the bag of a run directory, or a bag directory; complete data stay as they are.
+    """Repair the bags of a run directory, or a bag directory; complete data stay as they are.
 
     Parameters
     ----------
@@ -226,7 +227,8 @@ def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> di
         copy or an older version), what was done, ``did`` (keep, mend, set aside, refuse: damaged, and by another
         writer), ``why``, ``messages`` that stay in it, ``dropped_bytes`` after its last complete chunk, ``damage``:
         ranges of bytes that differ from what was written, and ``aside``: the files that hold what was taken out.
-        ``missing``: numbers of messages that are gone, [first, last].
+        ``missing``: numbers of messages that are gone, [first, last]. Of a run with stations: ``bags``, such a report
+        by the station.
 
     Raises
     ------
@@ -235,12 +237,20 @@ def recover(run_directory: Path, dry_run: bool = False, lock: bool = True) -> di
     LockError
         Where a recorder is writing it, or the run directory cannot be locked.
     """
-    directory = bag_of(run_directory)
-    run = directory.parent if directory.name == FOLDER else directory
-    if dry_run:
-        return repair(directory, identity_of(run), True)[0]
-    with locked(run, "recorder", lock):
-        return repair(directory, identity_of(run))[0]
+    folder = bag_of(run_directory)
+    run, bags = run_of_bag(folder), bags_in(folder)
+    identity = identity_of(run)
+    reports: dict[str, dict[str, Any]] = {}
+    with ExitStack() as locks:
+        for station in () if dry_run else bags:
+            locks.enter_context(locked(run, recorder_of(station), lock))
+        for station, bag in bags.items():
+            reports[station], found = repair(bag, identity, dry_run)
+            identity = identity or found.survey.identity
+    if list(bags) == [""]:
+        return reports[""]
+    ok = all(report["ok"] for report in reports.values())
+    return {"ok": ok, "bag": str(folder), "bags": reports, "dry_run": dry_run}
 
 
 def identity_of(run_directory: Path) -> RunIdentity | None:

@@ -9,7 +9,7 @@ beside them, into ``verdicts-<hash>.npz``.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +26,11 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import differing
 from bow_sweep.maps.basin_map import transient_lengths
 from bow_sweep.maps.reliability import Reliability
-from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, label
+from bow_sweep.record.bag import FOLDER, BagError, bag_files, bag_of, bags_in, label, run_of_bag, station_of_bag
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey, empty_layers, put
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.notes import too_new, version_in
+from bow_sweep.record.run_bags import read_run
 
 Classify = Callable[[Survey, Task], Iterator[tuple[Key, dict[str, Any]]]]
 """Yields (chunk, fields of Verdicts) for the chunks of a bag; of each block those before the first incomplete chunk."""
@@ -39,7 +40,7 @@ SCAN_SHARE = 0.4
 
 
 def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
-    """Return the verdicts recorded in a run's bag, even while it is being written or repaired.
+    """Return the verdicts recorded in the bags of a run, even while it is being written or repaired.
 
     Returns
     -------
@@ -52,9 +53,18 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
     BagError
         Where there is no bag, or no plan in it.
     """
-    expected: SweepOutline | None = None
     layers: dict[str, np.ndarray] = {}
-    for path in bag_files(bag_of(run_directory)):
+    for directory in bags_in(bag_of(run_directory)).values():
+        layers = _load_bag(directory, layers)
+    if not layers:
+        raise BagError(f"{run_directory}: its bag holds no plan, so no verdicts can be placed")
+    return layers
+
+
+def _load_bag(directory: Path, layers: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Put the verdicts of one bag into arrays, which are made at its first plan where there are none; return them."""
+    expected: SweepOutline | None = None
+    for path in bag_files(directory):
         scan = Scan(path)
         try:
             for found in scan.messages():
@@ -73,8 +83,6 @@ def load_verdicts(run_directory: Path) -> dict[str, np.ndarray]:
                     put(layers, expected, (values["block"], values["chunk"]), values)
         except OSError:
             continue  # its torn end is being cut off; no complete message was in it
-    if expected is None:
-        raise BagError(f"{run_directory}: its bag holds no plan, so no verdicts can be placed")
     return layers
 
 
@@ -158,7 +166,7 @@ def replay(
         For JSON. ``ok``; ``classifier`` and ``recorded_classifier``, hashes; ``chunks`` classified, ``equal`` of them
         as recorded; ``differing``, the first chunks that are not; ``cells``, ``helmholtz_fraction``, ``regimes`` at the
         latest test; ``repeats``, what they say, where there are some; ``file``, the new verdict set, or None where
-        the thresholds are those of the run.
+        the thresholds are those of the run; ``unseen``, station -> the blocks that it did and whose bag is not here.
         ``ok`` means that every recorded chunk was classified and, with the thresholds of the run, as recorded.
 
     Raises
@@ -168,8 +176,8 @@ def replay(
     ParameterError
         For an unknown or wrong setting.
     """
-    directory = bag_of(run_directory)
-    survey = Survey(directory).read(progress, share=SCAN_SHARE)
+    survey = read_run(run_directory, progress=progress, share=SCAN_SHARE)
+    directory = survey.directory
     stored = [place for places in survey.places.values() for place in places.values()]
     packed = next((place.file for place in stored if place.offset < 0), None)
     if packed is not None:
@@ -217,22 +225,26 @@ def replay(
         "chunks": count,
         "equal": equal,
         "differing": sorted(unlike, key=lambda one: (one["block"], one["chunk"]))[:20],
-        **_summary(layers, task.outline),
+        **_summary(layers, task.outline, [block for blocks in survey.unseen.values() for block in blocks]),
         "file": str(file) if file else None,
+        "unseen": survey.unseen,
     }
 
 
-def _summary(layers: dict[str, np.ndarray], outline: SweepOutline) -> dict[str, Any]:
-    """Return the numbers of cells and regimes; shares and regimes are those of the plane, without repeats."""
+def _summary(layers: dict[str, np.ndarray], outline: SweepOutline, unseen: Sequence[int]) -> dict[str, Any]:
+    """Return the numbers of cells and regimes; shares and regimes are those of the plane, without repeats.
+
+    They are those of the cells that are not in `unseen` blocks.
+    """
     tests, plane = layers["tested"].sum(axis=0), outline.plane_cells
     latest = layers["regime"][np.maximum(tests, 1) - 1, np.arange(len(tests))]
     counts = np.bincount(latest[:plane][tests[:plane] > 0], minlength=len(REGIMES))
     lengths = transient_lengths(layers["regime"], layers["transient"])
     found = Reliability.of(outline.shape, latest, lengths, tests == outline.chunks)
-    helmholtz = lengths[:plane] > 0
+    helmholtz, seen = lengths[:plane] > 0, ~outline.planned.cells_of(unseen)[:plane]
     return {
         "cells": int(np.count_nonzero(tests)),
-        "helmholtz_fraction": float(helmholtz.mean()),
+        "helmholtz_fraction": float(helmholtz[seen].mean()) if seen.any() else 0.0,
         "regimes": {name: int(count) for name, count in zip(REGIMES, counts, strict=False)},
         **({"repeats": found.findings(outline.repeats, helmholtz.reshape(outline.shape))} if found else {}),
     }
@@ -241,10 +253,9 @@ def _summary(layers: dict[str, np.ndarray], outline: SweepOutline) -> dict[str, 
 def _write(run_directory: Path, task: Task, layers: dict[str, np.ndarray]) -> Path:
     """Write verdicts into a file of the run directory, or beside the bag; return its path."""
     directory = Path(run_directory)
-    if (directory / FOLDER).is_dir():
-        path = directory / f"verdicts-{task.thresholds.hash}.npz"
-    else:
-        path = directory.parent / f"verdicts-{task.thresholds.hash}.npz"  # `run_directory` is the bag
+    if not (directory / FOLDER).is_dir():  # `run_directory` is the bag
+        directory = run_of_bag(directory) if station_of_bag(directory) else directory.parent
+    path = directory / f"verdicts-{task.thresholds.hash}.npz"
     with replacing(path) as file:
         np.savez_compressed(
             file,

@@ -23,7 +23,7 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.measured import is_measured
 from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
-from bow_sweep.record.bag import FOLDER, BagError, BagWriter
+from bow_sweep.record.bag import BagError, BagWriter, bag_folder
 from bow_sweep.record.bag_contents import RunIdentity
 from bow_sweep.record.deduplication import Answer, StoredMessages
 from bow_sweep.record.disk import DiskSync
@@ -33,7 +33,7 @@ from bow_sweep.record.notes import custom_data, how, note
 from bow_sweep.record.recover import repair
 from bow_sweep.record.schema import type_hash
 from bow_sweep.record.topics import NAMESPACE, STORED_ONCE, STREAMS, TOPICS, Topic, full_names
-from bow_sweep.run.lock import locked
+from bow_sweep.run.lock import locked, recorder_of
 
 COMMIT_BYTES = 4 << 20
 """A chunk of the file is written when it has this many bytes."""
@@ -66,6 +66,8 @@ class Session:
         Confirm a block only when it is on the disk; otherwise, when it is in the file.
     lock
         Lock the directory; not possible on file systems without locks.
+    station
+        Whose bag it is, see :mod:`bow_sim.protocol.stations`.
 
     Attributes
     ----------
@@ -108,8 +110,10 @@ class Session:
         *,
         sync: bool = True,
         lock: bool = True,
+        station: str = "",
     ) -> None:
         self.directory = directory
+        self.folder = folder = bag_folder(directory, station)
         self.expected = SweepOutline.of(plan)
         self.stored = StoredMessages()
         self.incarnation = incarnation
@@ -124,18 +128,18 @@ class Session:
         with ExitStack() as stack:
             directory.mkdir(parents=True, exist_ok=True)
             sync_directory(directory.parent)
-            stack.enter_context(locked(directory, "recorder", lock))
+            stack.enter_context(locked(directory, recorder_of(station), lock))
             identity = RunIdentity(self.expected.run_id, self.expected.sweep_id)
-            self.report, found = repair(directory / FOLDER, identity, resuming=True)
+            self.report, found = repair(folder, identity, resuming=True)
             self.last_plan = found.survey.plan
             if self.closed and plan["epoch"] <= self.last_plan["epoch"]:  # only a new epoch reopens a finished run
-                raise AlreadyClosedError(f"{directory / FOLDER} is closed")
+                raise AlreadyClosedError(f"{folder} is closed")
             self._restore(found, sync)
             self.names = _names(found.survey.files, self.expected.run_id)
             topics: dict[str, Topic] = {self.names[name]: topic for name, topic in TOPICS.items()}
             notes = [how(*identity), *([note(found.missing, _why(self.report))] if found.missing else [])]
             files, last = found.survey.files, found.survey.last or 0
-            self.bag = BagWriter(directory / FOLDER, topics, files, last, notes, custom_data(*identity))
+            self.bag = BagWriter(folder, topics, files, last, notes, custom_data(*identity))
             stack.callback(self.bag.abandon)
             if sync:
                 self._disk = DiskSync(self.bag.fileno())
@@ -147,7 +151,7 @@ class Session:
         """Take in the messages that are in the bag already, after a sync; answer for complete blocks."""
         survey = found.survey
         for file in survey.files if sync else ():
-            with open(self.directory / FOLDER / file.name, "rb") as stream:
+            with open(self.folder / file.name, "rb") as stream:
                 os.fdatasync(stream.fileno())
         for topic, places in survey.places.items():
             due = self.expected.recorded_chunks
@@ -273,8 +277,10 @@ class Session:
             self._answers = []
             self._add("receipts", message, now)
         self.bag.commit()
-        if self._disk is not None and whole:
-            self._disk.ask(whole)
+        if self._disk is not None:
+            self._disk.wrote(self.bag.take_bulk())
+            if whole:
+                self._disk.ask(whole)
         return message
 
     def repeat_receipts(self) -> None:

@@ -19,10 +19,11 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import differing
 from bow_sweep.plan.adaptive import next_round, within_budget
 from bow_sweep.record.again import Again, Kernel, compare
-from bow_sweep.record.bag import FOLDER, BagError, bag_of
+from bow_sweep.record.bag import FOLDER, BagError
 from bow_sweep.record.bag_contents import Chunks, Key, Progress, Survey
 from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.replay import SCAN_SHARE, classify_block, task_of
+from bow_sweep.record.run_bags import RunSurvey, read_run
 from bow_sweep.record.verify_files import FileChecks, transient_lengths
 
 RECEIPTS_BLOCKS = 2
@@ -41,7 +42,8 @@ def verify(
     Parameters
     ----------
     run_directory
-        Of the run; or a bag alone: then there is no map or ledger to compare with it.
+        Of the run; or a bag alone: then there is no map or ledger to compare with it. All bags of a run are read, see
+        :mod:`bow_sweep.record.run_bags`.
     progress
         Called with (done, total).
     classify
@@ -59,23 +61,22 @@ def verify(
         the bag. ``verdicts_equal``: the number of ``chunks`` whose verdicts were derived again with the same bytes.
         ``computed_again``: blocks and cells that were, and how many of the cells are as recorded; only where ``again``
         asks for some. ``quarantined_blocks``: listed, and no problem, because the
-        sweep has reported them. ``problems``: dicts with ``what``, ``run`` and the place: ``block``, ``chunk``,
-        ``file`` ...
+        sweep has reported them. ``unseen``: station -> the blocks that it did and whose bag is not here, and
+        ``cells_unseen``, their cells: no problem, but nothing is said of them. ``problems``: dicts with ``what``,
+        ``run`` and the place: ``block``, ``chunk``, ``file``, ``station`` ...
     """
     began = time.monotonic()
     try:
-        survey = (IndexSurvey if index else Survey)(bag_of(run_directory))
+        survey = read_run(run_directory, IndexSurvey if index else Survey, progress, SCAN_SHARE if classify else 1.0)
     except BagError as error:
-        survey = Survey(Path(run_directory))
+        survey = RunSurvey(Path(run_directory), {})
         survey.problem(str(error))
-    else:
-        survey.read(progress, SCAN_SHARE if classify else 1.0)
     result = account(survey, Path(run_directory), classify, progress, again)
     return {**result, "seconds": round(time.monotonic() - began, 2)}
 
 
 def account(
-    survey: Survey,
+    survey: RunSurvey,
     run_directory: Path,
     classify: bool,
     progress: Progress | None = None,
@@ -100,7 +101,7 @@ def account(
 class _Accounts:
     """Checks the contents of a bag against its plan and against each other."""
 
-    def __init__(self, survey: Survey, expected: SweepOutline) -> None:
+    def __init__(self, survey: RunSurvey, expected: SweepOutline) -> None:
         self.survey, self.expected, self.problem = survey, expected, survey.problem
         self.notes: list[str] = []
         states = survey.plan["block_states"].tolist()
@@ -108,6 +109,7 @@ class _Accounts:
             self.problem(f"the plan gives the state of {len(states)} blocks, there are {expected.blocks}")
         self.states = (states + [0] * expected.blocks)[: expected.blocks]
         self.complete = np.zeros(expected.blocks, bool)
+        self.unseen = np.array([survey.is_unseen(block) for block in range(expected.blocks)])
         self.equal = 0
 
     def all(
@@ -132,6 +134,7 @@ class _Accounts:
             "cells_planned": expected.planned.planned_cells,
             "cells_predicted": expected.cells - expected.planned.planned_cells,
             "cells_quarantined": int(sizes[quarantined].sum()),
+            "cells_unseen": int(sizes[self.unseen].sum()),
             "chunks": int(self.complete.sum()) * expected.chunks,
             "chunks_planned": expected.blocks * expected.chunks,
             "chunks_recorded": int(self.complete.sum()) * len(expected.recorded_chunks),
@@ -141,10 +144,12 @@ class _Accounts:
             "verdicts_equal": self.equal,
             "classifier": survey.plan["classifier"],
             "quarantined_blocks": np.flatnonzero(quarantined).tolist(),
+            "unseen": survey.unseen,
             **proved,
             "notes": self.notes,
         }
-        FileChecks(run_directory, survey, expected, self.states, done, counts).check()
+        unseen = expected.planned.cells_of(np.flatnonzero(self.unseen))
+        FileChecks(run_directory, survey, expected, self.states, done, unseen, counts).check()
         return counts
 
     # ---- every chunk once
@@ -152,7 +157,7 @@ class _Accounts:
     def _block(self, block: int) -> None:
         """Check that every chunk of a block is stored as far as it is to be, with verdicts on exactly its streams."""
         survey, state = self.survey, self.states[block]
-        if state == BlockState.QUARANTINED:
+        if state == BlockState.QUARANTINED or self.unseen[block]:
             return
         missing = 0
         for chunk in range(self.expected.chunks):
@@ -160,7 +165,7 @@ class _Accounts:
             lacking = survey.lacking(key)
             missing += bool(lacking)
             if lacking and state == BlockState.DONE:
-                self.problem("missing", block=block, chunk=chunk, topics=lacking)
+                self.problem("missing", block=block, chunk=chunk, topics=lacking, **survey.at(block))
             self._agree(key)
         if state != BlockState.DONE:
             self.problem(f"outstanding: {missing} of {self.expected.chunks} chunks are not complete", block=block)
@@ -202,10 +207,9 @@ class _Accounts:
             lost = bool(survey.noted) and block < self.expected.blocks and self.states[block] != BlockState.DONE
             if not (there.get(kind) or lost):
                 self.problem(f"{_KINDS.get(kind, kind)} receipted, not stored", block=block, chunk=chunk)
-        if survey.version >= RECEIPTS_BLOCKS:
-            for block in np.flatnonzero(self.complete).tolist():
-                if (ReceiptKind.BLOCK, block, 0) not in survey.receipts:
-                    self.problem("no receipt states that it is on the disk", block=block)
+        for block in np.flatnonzero(self.complete).tolist():
+            if survey.version_of(block) >= RECEIPTS_BLOCKS and (ReceiptKind.BLOCK, block, 0) not in survey.receipts:
+                self.problem("no receipt states that it is on the disk", block=block, **survey.at(block))
 
     # ---- verdicts
 
@@ -276,9 +280,12 @@ class _Accounts:
     # ---- the rounds of an adaptive sweep
 
     def _rounds(self, done: np.ndarray) -> None:
-        """Note where a round of an adaptive sweep differs from the one that the verdicts before it give here."""
+        """Note where a round of an adaptive sweep differs from the one that the verdicts before it give here.
+
+        Not where verdicts are not here.
+        """
         expected, planned = self.expected, self.expected.planned
-        if not planned.adaptive:
+        if not planned.adaptive or self.unseen.any():
             return
         budget = within_budget(expected.adaptive, expected.cells)
         layers = self.survey.layers()

@@ -70,6 +70,8 @@ class FileChecks:
         States of the blocks in the last plan of the bag.
     done
         (cells,) bool: whether the block of a cell is done and all its chunks are in the bag; repeats come last.
+    unseen
+        (cells,) bool: whether the block of a cell is in a bag that is not here. Nothing that depends on it is compared.
     counts
         Numbers that :func:`bow_sweep.record.verify.verify` counted in the bag.
     """
@@ -79,6 +81,7 @@ class FileChecks:
     expected: SweepOutline
     states: list[int]
     done: np.ndarray
+    unseen: np.ndarray
     counts: Mapping[str, Any]
 
     def check(self) -> None:
@@ -167,6 +170,7 @@ class FileChecks:
                     self._problem(path, f"{name} differs from the plan")
                 continue
             differs = differs.reshape(-1, self.expected.plane_cells)
+            differs[:, self._unknown()] = False
             if name in _TESTED:
                 differs[:, ~self.done[: self.expected.plane_cells]] = False
             if differs.any():
@@ -174,6 +178,17 @@ class FileChecks:
                 what = f"{name} differs from the verdicts in {int(differs.sum())} places, first at cell {cell}"
                 blocks = (n for n in range(self.expected.blocks) if cell in self.expected.block(n))
                 self._problem(path, what, next(blocks, None))
+
+    def _unknown(self) -> np.ndarray:
+        """Return of which cells of the plane something is not here, (cells of the plane,) bool: themselves, a repeat.
+
+        Predicted cells follow from all others.
+        """
+        unknown: np.ndarray = np.any(self.unseen.reshape(-1, self.expected.plane_cells), axis=0)
+        planned = self.expected.planned
+        if planned.adaptive and unknown.any():
+            unknown |= ~planned.planned
+        return unknown
 
     # ---- the report
 
@@ -188,13 +203,35 @@ class FileChecks:
         shared = common_in_si(vars(self.expected.parameters), (self.expected.x.name, self.expected.y.name))
         names = {"planned": "cells_planned", "done": "cells", "quarantined": "cells_quarantined"}
         cells = {name: counts[counted] for name, counted in names.items()}
+        cells["done"] += counts["cells_unseen"]
         cells["outstanding"] = cells["planned"] - cells["done"] - cells["quarantined"]
+        unseen = counts["cells_unseen"] * self.expected.chunks * self.expected.chunk_samples
         right = {
             **self._plan("classifier"),
             **({"si": shared} if shared else {}),
             "cells": cells,
-            **{name: counts[name] for name in ("cells_predicted", "samples")},
+            "cells_predicted": counts["cells_predicted"],
+            "samples": counts["samples"] + unseen,
             "rounds": len(planned.rounds),
+            **({} if unseen else self._findings(result)),
+            "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
+        }
+        if "notes" in given:  # older runs have none
+            right["notes"] = list(notes_of_map(self.expected.parameters, self.expected.x, self.expected.y))
+        if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which are not in the bag
+            given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
+        if isinstance(given.get("regimes"), dict) and "regimes" in right:  # an older run knows the first of them only
+            right["regimes"] = {n: count for n, count in right["regimes"].items() if count or n in given["regimes"]}
+        for name, value in json.loads(json.dumps(right)).items():
+            if name not in given:
+                self._problem(path, f"holds no {name}")
+            elif not _equal(given[name], value):
+                self._problem(path, f"{name} is {_short(given[name])}, in the bag it is {_short(value)}")
+
+    def _findings(self, result: MapFile) -> dict[str, Any]:
+        """Return what the report has of the map."""
+        adaptive = self.expected.planned.adaptive
+        return {
             **findings(
                 result.transient_periods,
                 result.regime.ravel()[self.done[: self.expected.plane_cells]],
@@ -202,20 +239,8 @@ class FileChecks:
                 self.expected.repeats,
                 result.reliability,
             ),
-            "playability": playability(result.transient_periods, None if planned.adaptive else result.regime),
-            "quarantined_blocks": sorted(map(str, counts["quarantined_blocks"])),
+            "playability": playability(result.transient_periods, None if adaptive else result.regime),
         }
-        if "notes" in given:  # older runs have none
-            right["notes"] = list(notes_of_map(self.expected.parameters, self.expected.x, self.expected.y))
-        if isinstance(given.get("quarantined_blocks"), dict):  # with reasons, which are not in the bag
-            given["quarantined_blocks"] = sorted(given["quarantined_blocks"])
-        if isinstance(given.get("regimes"), dict):  # an older run knows the first of them only
-            right["regimes"] = {n: count for n, count in right["regimes"].items() if count or n in given["regimes"]}
-        for name, value in json.loads(json.dumps(right)).items():
-            if name not in given:
-                self._problem(path, f"holds no {name}")
-            elif not _equal(given[name], value):
-                self._problem(path, f"{name} is {_short(given[name])}, in the bag it is {_short(value)}")
 
     # ---- the ledger
 

@@ -5,6 +5,9 @@ Done means: the recorder has receipted the verdicts of every chunk, and the stre
 them; the classifier has judged the bytes that were recorded; and all of the block is on the disk. After every event,
 planned = done + quarantined + outstanding, where outstanding = due + dispatched.
 
+A block belongs to the station (:mod:`bow_sim.protocol.stations`) of the simulator that it was sent to last: only the
+answers of recorder and classifier of that station count for it. Sent to another station, its account begins anew.
+
 The machine has no clock and no file: the time is passed in, and an entry that must be on the disk before the next
 instruction is returned as a :class:`Record`. :meth:`Ledger.resume` builds the machine again from such entries.
 """
@@ -64,10 +67,12 @@ class _Block:
     crashes: int = 0
     crashes_alone: int = 0
     touched: float = 0.0
+    station: str = ""
     on_disk: bool = False
     streams: dict[int, int] = field(default_factory=dict)
     judged: dict[int, _Checksums] = field(default_factory=dict)
     verdicts: dict[int, int] = field(default_factory=dict)
+    judged_before: dict[int, _Checksums] = field(default_factory=dict)  # by the stations that had it before
 
     @property
     def suspect(self) -> bool:
@@ -77,6 +82,12 @@ class _Block:
         for answers in (self.streams, self.judged, self.verdicts):
             answers.clear()
         self.on_disk = False
+
+    def move(self, station: str) -> None:
+        """Have it belong to another station; what the others judged must still be equal."""
+        self.judged_before.update(self.judged)
+        self.discard_answers()
+        self.station = station
 
     def contradiction(self, chunk: int) -> str:
         """Return which checksums of a chunk differ, or ""."""
@@ -106,6 +117,9 @@ class Ledger:
     ----------
     epoch
         Number of the latest (re)start of coordinator, recorder or classifier, from 1.
+    announced
+        The epoch of the plan. That of a block is greater where a consumer of its station was restarted while other
+        stations were at work: their blocks go on.
     blocks
         State of each block.
     in_flight
@@ -117,9 +131,11 @@ class Ledger:
             raise ValueError(f"{blocks} blocks of {chunks} chunks: there should be at least one of each")
         self.chunks = chunks
         self.recorded = range(chunks) if recorded is None else recorded
-        self.epoch = 1
+        self.epoch = self.announced = 1
         self.blocks = [_Block() for _ in range(blocks)]
         self.in_flight: dict[str, list[int]] = {}
+        self._station: dict[str, str] = {}  # of each simulator
+        self._restarted: dict[str, int] = {}  # station -> epoch in which a consumer of it was restarted
         self._open: set[int] = set(range(blocks))
         self._due = list(range(blocks))
 
@@ -142,11 +158,13 @@ class Ledger:
                     block.crashes_alone += bool(entry["alone"])
                 case "done":
                     block.state = State.DONE
+                    block.station = str(entry.get("station", ""))
                 case "quarantined":
                     block.state = State.QUARANTINED
                 case "reopened":
                     block.state = State.DUE
         ledger.epoch += 1
+        ledger.announced = ledger.epoch
         ledger._open = {n for n, block in enumerate(ledger.blocks) if block.state is State.DUE}
         ledger._due = sorted(ledger._open)
         return ledger
@@ -161,6 +179,18 @@ class Ledger:
         """Return whether there is such a block and it is quarantined."""
         return number < len(self.blocks) and self.blocks[number].state is State.QUARANTINED
 
+    def is_of(self, number: int, station: str) -> bool:
+        """Return whether there is such a block and it belongs to a station."""
+        return number < len(self.blocks) and self.blocks[number].station == station
+
+    def epoch_of(self, number: int) -> int:
+        """Return the epoch in which a block was sent last."""
+        return self.epoch_at(self.blocks[number].station)
+
+    def epoch_at(self, station: str) -> int:
+        """Return the epoch of the blocks that are sent to a station now."""
+        return max(self.announced, self._restarted.get(station, 0))
+
     @property
     def finished(self) -> bool:
         """Whether no block is outstanding."""
@@ -172,8 +202,9 @@ class Ledger:
         """Take in an event at `now` (seconds, any origin) and return what to do, in order."""
         out: list[Instruction] = []
         match event:
-            case SimulatorReady(simulator):
+            case SimulatorReady(simulator, station):
                 self.in_flight.setdefault(simulator, [])
+                self._station[simulator] = station
             case SimulatorLost(simulator, why, blame):
                 self._lose(simulator, why, blame, now, out)
             case Finished(simulator, number, attempt):
@@ -184,21 +215,22 @@ class Ledger:
                 self._remove_in_flight(simulator, number, attempt)
                 if self._is_dispatched(number, attempt):
                     self._make_due(number, why, out)
-            case ConsumerRestarted(role):
-                self._restart(role, out)
-            case Judged(number, chunk, chunk_checksum, checksum):
-                if self._concerns(number, chunk):
-                    checksums = _Checksums(chunk_checksum, checksum)
-                    differs = self.blocks[number].judged.setdefault(chunk, checksums) != checksums
+            case ConsumerRestarted(role, station):
+                self._restart(role, station, out)
+            case Judged(number, chunk, chunk_checksum, checksum, station):
+                if self._concerns(number, chunk, station):
+                    checksums, block = _Checksums(chunk_checksum, checksum), self.blocks[number]
+                    differs = block.judged.setdefault(chunk, checksums) != checksums
+                    differs |= block.judged_before.get(chunk, checksums) != checksums
                     self._answered(number, chunk, differs, now, out)
-            case Receipted(number, chunk, checksum, verdicts):
-                if self._concerns(number, chunk) and (verdicts or chunk in self.recorded):
+            case Receipted(number, chunk, checksum, verdicts, station):
+                if self._concerns(number, chunk, station) and (verdicts or chunk in self.recorded):
                     block = self.blocks[number]
                     answers = block.verdicts if verdicts else block.streams
                     differs = answers.setdefault(chunk, checksum) != checksum
                     self._answered(number, chunk, differs, now, out)
-            case OnDisk(number):
-                if self._concerns(number, 0):
+            case OnDisk(number, station):
+                if self._concerns(number, 0, station):
                     self.blocks[number].on_disk = True
                     self._answered(number, 0, False, now, out)
             case Grown(blocks):
@@ -208,11 +240,12 @@ class Ledger:
                 self._due = sorted([*self._due, *fresh])
             case Tick():
                 self._expire(now, out)
-        self._dispatch_due(now, out)
+        if not isinstance(event, Judged | Receipted | OnDisk):  # an answer frees no simulator and makes no block due
+            self._dispatch_due(now, out)
         return out
 
-    def _concerns(self, number: int, chunk: int) -> bool:
-        return number in self._open and 0 <= chunk < self.chunks
+    def _concerns(self, number: int, chunk: int, station: str) -> bool:
+        return number in self._open and 0 <= chunk < self.chunks and self.blocks[number].station == station
 
     def _is_dispatched(self, number: int, attempt: int) -> bool:
         block = self.blocks[number]
@@ -236,8 +269,9 @@ class Ledger:
             heapq.heapify(self._due)
         block.state = state
         block.discard_answers()
+        block.judged_before.clear()
         self._open.discard(number)
-        entry = {"event": state.value, "block": number, "attempt": block.attempt}
+        entry = {"event": state.value, "block": number, "attempt": block.attempt, **_named(block.station)}
         out.append(Record({**entry, "why": why} if why else entry))
         out.append(Settled(number, state, why))
 
@@ -257,6 +291,7 @@ class Ledger:
     def _lose(self, simulator: str, why: str, blame: bool, now: float, out: list[Instruction]) -> None:
         # A block may be done while the report that the simulator has finished it is still on its way: it is left out.
         lost = [number for number in self.in_flight.pop(simulator, []) if self.blocks[number].state is State.DISPATCHED]
+        self._station.pop(simulator, None)
         for place, number in enumerate(lost):
             block = self.blocks[number]
             if blame and place == 0:  # only the block being computed is suspect
@@ -272,16 +307,25 @@ class Ledger:
                     continue
             self._make_due(number, why, out)
 
-    def _restart(self, role: str, out: list[Instruction]) -> None:
+    def _restart(self, role: str, station: str, out: list[Instruction]) -> None:
+        """Have the blocks of a station sent again, in a new epoch: that of the run if no other station is at work."""
         self.epoch += 1
-        out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch}))
-        for held in self.in_flight.values():
-            held.clear()
+        out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch, **_named(station)}))
+        alone = all(other == station for other in self._station.values())
+        for simulator, held in self.in_flight.items():
+            if alone or self._station[simulator] == station:
+                held.clear()
         for number in sorted(self._open):
-            self.blocks[number].discard_answers()
-            if self.blocks[number].state is State.DISPATCHED:
-                self._make_due(number, f"{role} restarted", out)
-        out.append(NewEpoch(self.epoch))
+            block = self.blocks[number]
+            if alone or block.station == station:
+                block.discard_answers()
+                if block.state is State.DISPATCHED:
+                    self._make_due(number, f"{role} restarted", out)
+        if alone:
+            self.announced = self.epoch
+            out.append(NewEpoch(self.epoch))
+        else:
+            self._restarted[station] = self.epoch
 
     def _expire(self, now: float, out: list[Instruction]) -> None:
         held = {number for blocks in self.in_flight.values() for number in blocks}
@@ -309,11 +353,20 @@ class Ledger:
                     break
                 continue
             simulator = min(free)[1]
+            station = self._station[simulator]
+            if station != block.station:
+                block.move(station)
             block.state, block.touched = State.DISPATCHED, now
             block.attempt += 1
             self.in_flight[simulator].append(number)
-            entry = {"event": "dispatched", "block": number, "attempt": block.attempt, "epoch": self.epoch}
-            out.append(Record({**entry, "simulator": simulator}))
+            entry = {"event": "dispatched", "block": number, "attempt": block.attempt}
+            entry |= {"epoch": self.epoch_at(station), "simulator": simulator, **_named(station)}
+            out.append(Record(entry))
             out.append(Dispatch(number, block.attempt, simulator))
         for number in postponed:
             heapq.heappush(self._due, number)
+
+
+def _named(station: str) -> dict[str, str]:
+    """Return what an entry says of the station; nothing for the one without a name."""
+    return {"station": station} if station else {}

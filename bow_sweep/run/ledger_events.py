@@ -24,9 +24,10 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class SimulatorReady:
-    """A simulator takes blocks, for the first time or again."""
+    """A simulator of a station takes blocks, for the first time or again."""
 
     simulator: str
+    station: str = ""
 
 
 @dataclass(frozen=True)
@@ -59,29 +60,32 @@ class Refused:
 
 @dataclass(frozen=True)
 class ConsumerRestarted:
-    """The recorder or the classifier has a new incarnation: unfinished blocks must be sent again."""
+    """Recorder or classifier of a station has a new incarnation: its unfinished blocks must be sent again."""
 
     role: str
+    station: str = ""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The classifier's verdicts on a chunk have arrived; `chunk_checksum` is that of the streams it judged."""
+    """A classifier's verdicts on a chunk have arrived; `chunk_checksum` is that of the streams it judged."""
 
     block: int
     chunk: int
     chunk_checksum: int
     checksum: int
+    station: str = ""
 
 
 @dataclass(frozen=True)
 class Receipted:
-    """The recorder has written a chunk's streams (`verdicts` False) or the verdicts on it (True) to its file."""
+    """A recorder has written a chunk's streams (`verdicts` False) or the verdicts on it (True) to its file."""
 
     block: int
     chunk: int
     checksum: int
     verdicts: bool
+    station: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,7 @@ class OnDisk:
     """All of a block, streams and verdicts, has been synced to the disk."""
 
     block: int
+    station: str = ""
 
 
 @dataclass(frozen=True)
@@ -108,11 +113,11 @@ Event = (
 )
 
 
-def receipted(kind: int, block: int, chunk: int, checksum: int) -> Event:
-    """Return the event for one entry of a Receipt; `kind` is a ReceiptKind."""
+def receipted(kind: int, block: int, chunk: int, checksum: int, station: str = "") -> Event:
+    """Return the event for one entry of a Receipt of a station's recorder; `kind` is a ReceiptKind."""
     if kind == ReceiptKind.BLOCK:
-        return OnDisk(block)
-    return Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS)
+        return OnDisk(block, station)
+    return Receipted(block, chunk, checksum, kind == ReceiptKind.VERDICTS, station)
 
 
 # ---- instructions, to be carried out in order
@@ -136,7 +141,7 @@ class Dispatch:
 
 @dataclass(frozen=True)
 class NewEpoch:
-    """Announce a new epoch: blocks sent in an older one are void."""
+    """Announce a new epoch of the run: blocks sent in an older one are void."""
 
     epoch: int
 

@@ -32,7 +32,7 @@ _NEEDS = {
 }
 """Event -> the fields that its entry must have."""
 
-_TEXTS = ("event", "run_id", "sweep_id", "preset", "fingerprint", "why", "simulator", "role")
+_TEXTS = ("event", "run_id", "sweep_id", "preset", "fingerprint", "why", "simulator", "role", "station")
 _NUMBERS = ("block", "attempt", "epoch", "blocks", "chunks", "cells", "round", "format")
 _IDENTIFIERS = ("run_id", "sweep_id")
 
@@ -148,6 +148,17 @@ def latest_states(entries: Iterable[Mapping[str, Any]]) -> dict[int, str]:
     """Return block -> "done", "quarantined" or "reopened", whichever event of these is its latest."""
     states = ("done", "quarantined", "reopened")
     return {entry["block"]: entry["event"] for entry in entries if entry.get("event") in states}
+
+
+def done_at(entries: Iterable[Mapping[str, Any]]) -> dict[int, str]:
+    """Return block -> the station that did it, "" for that of the coordinator's machine, of blocks that are done."""
+    found: dict[int, str] = {}
+    for entry in entries:
+        if entry.get("event") == "done":
+            found[entry["block"]] = entry.get("station", "")
+        elif entry.get("event") in ("quarantined", "reopened"):
+            found.pop(entry["block"], None)
+    return found
 
 
 def set_ledger_aside(directory: Path) -> Path:

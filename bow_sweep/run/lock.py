@@ -28,6 +28,11 @@ def name_of(role: str) -> str:
     return f".{role}.lock"
 
 
+def recorder_of(station: str) -> str:
+    """Return the role of a station's recorder: each station has one that records into a bag of its own."""
+    return f"recorder-{station}" if station else "recorder"
+
+
 def take(directory: Path, role: str) -> int:
     """Lock a run directory for a role.
 
@@ -38,7 +43,7 @@ def take(directory: Path, role: str) -> int:
     directory
         Run directory; exists.
     role
-        ``"supervisor"``, ``"coordinator"`` or ``"recorder"``.
+        ``"supervisor"``, ``"coordinator"``, ``"recorder"``, or as :func:`recorder_of` gives it.
 
     Returns
     -------

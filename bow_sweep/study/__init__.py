@@ -1,6 +1,7 @@
 """Studies: families of maps over further parameters, what they say together, and the search for the best.
 
 over            values that a study gives a parameter, read from the command line
+usual           values of a parameter of which only the name is said
 asked           the file that says what was asked for
 plan            a study: its maps, their names, its file
 campaigns       the studies of config/campaigns

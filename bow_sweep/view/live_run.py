@@ -165,7 +165,7 @@ class LiveRun:
         return (is_complete(latest) or waited > patience) and (self._has_bag() or waited > self._bag_patience())
 
     def recorder(self, closed: bool) -> None:
-        """Take note that a recorder works for this run, and whether it has closed the bag or given up."""
+        """Take note that recorders work for this run, and whether all have closed their bags or given up."""
         self._recorder = closed
 
     def _has_bag(self) -> bool:

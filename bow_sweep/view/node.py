@@ -85,7 +85,7 @@ class DashboardNode(BowNode):
         self._inspected: list[int] = list(inspected or ())
         self._live: LiveRun | MeasuredView | None = None
         self._measured: dict[str, Subscription] = {}  # of the streams that only a measured string is drawn from
-        self._recorders: dict[str, bool] = {}  # run -> whether the recorder has closed its bag
+        self._recorders: dict[str, dict[str, bool]] = {}  # run -> recorder -> whether it has closed its bag
         self._over: tuple[str, int] = ("", -1)
         self._early: dict[str, Any] | None = None  # a map that came before its plan
         self._screen = self._open_screen()
@@ -235,9 +235,10 @@ class DashboardNode(BowNode):
         self._guarded(lambda live: live.inspect(values))
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Store the state of a node for the status page; take note of the recorder."""
+        """Store the state of a node for the status page; take note of the recorders, one a station."""
         if message.role == "recorder" and message.run_id:
-            self._recorders = {message.run_id: message.state in BAG_IS_READY}
+            closed = {**self._recorders.get(message.run_id, {}), message.node: message.state in BAG_IS_READY}
+            self._recorders = {message.run_id: closed}
             self._tell_of_recorder()
         self._nodes[message.node] = NodeStatus(
             message.node,
@@ -253,7 +254,7 @@ class DashboardNode(BowNode):
 
     def _tell_of_recorder(self) -> None:
         if self._live is not None and (closed := self._recorders.get(self._live.run_id)) is not None:
-            self._live.recorder(closed)
+            self._live.recorder(all(closed.values()))
 
     def _tick(self) -> None:
         self._check_screen()

@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import SkipTest, mock
 
@@ -43,6 +43,25 @@ def run_in_shell(example: Example) -> str | None:
         return f"exit status {status}\n{said.read()}" if status else None
 
 
+GRAPHS = ("docs/howto.md",)
+"""Pages with so many sweeps that these go through one standing graph, as they may: it takes half of the time."""
+
+
+@contextlib.contextmanager
+def graph_of(page: Path) -> Iterator[None]:
+    """Keep a graph for the sweeps of a page, if it has many."""
+    if name(page) not in GRAPHS:
+        yield
+        return
+    bow = [sys.executable, "-m", "bow_sweep"]
+    subprocess.run([*bow, "up", "--no-dashboard"], check=True, timeout=LIMIT_S)
+    try:
+        with mock.patch.dict(os.environ, {"PAGE_GRAPH": "1"}):
+            yield
+    finally:
+        subprocess.run([*bow, "down"], check=True, timeout=LIMIT_S)
+
+
 DOCUMENTS = Sybil([CodeBlockParser("bash", run_in_shell), PythonCodeBlockParser(), SkipParser()])
 
 
@@ -66,7 +85,7 @@ def test_every_block_of_a_page_runs(
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("MPLBACKEND", "agg")
     run = skipped = 0
-    with mock.patch.dict(os.environ):  # a sweep in this process leaves variables for its children
+    with mock.patch.dict(os.environ), graph_of(page):  # a sweep in this process leaves variables for its children
         for example in DOCUMENTS.parse(page).examples():
             try:
                 example.evaluate()

@@ -20,7 +20,7 @@ def test_the_sweep_goes_on_by_itself_after_a_kill(role: str, undisturbed: Path, 
 
 
 def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_path: Path) -> None:
-    others = Path("/dev/shm/fastrtps_0123456789abcdef_el")  # not ours: nobody of the graph had it open
+    others = Path(f"/dev/shm/fastrtps_{os.getpid():016x}_el")  # not ours: nobody of the graph had it open
     others.touch()
     run = tmp_path / "run"
     try:

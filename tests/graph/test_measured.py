@@ -105,3 +105,33 @@ def test_a_string_that_plays_is_judged_recorded_and_shown(
     shown = run / "dashboard.rrd"
     assert {"regime", "correlation", "force", "about"} <= entities(shown)
     assert len(rows(shown, "correlation", "Scalars:scalars")) == len(regime)
+
+
+def test_interrupted_while_a_string_plays_it_leaves_a_closed_bag(
+    wave: np.ndarray, nodes: dict[str, subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    np.save(tmp_path / "wave.npy", np.tile(wave.astype(np.float32), 200))  # five minutes
+    nodes["recorder"] = start("recorder", f"run_dir:={run}")
+    given = (f"sample_rate:={RATE}", f"f0:={F0}", f"beta:={BETA}")
+    nodes["classifier"] = start("classifier", "source:=/bridge_force", *given)
+    said: dict[str, list[str]] = {role: [] for role in nodes}
+    for role, lines in said.items():
+        until_it_says(nodes[role], "ready in /bow", lines)
+    nodes["sensor"] = subprocess.Popen(
+        [sys.executable, str(PLAYER), str(tmp_path / "wave.npy"), str(RATE)], stdout=subprocess.PIPE, text=True
+    )
+    until_it_says(nodes["classifier"], " s: ", said["classifier"])  # a regime
+
+    nodes["classifier"].send_signal(signal.SIGINT)  # Ctrl-C
+    assert nodes["classifier"].wait(PATIENCE_S) == 0
+    assert nodes["sensor"].poll() is None
+    until_it_says(nodes["recorder"], "closes", said["recorder"])
+    nodes["recorder"].send_signal(signal.SIGINT)
+    assert nodes["recorder"].wait(PATIENCE_S) == 0
+
+    account = verified(run)
+    assert account["verdicts_equal"] == account["chunks"] > 0
+    assert (run / "bag" / "metadata.yaml").exists()
+    (bag,) = (run / "bag").glob("*.mcap")
+    assert len(bow.classify(bag).tests.regime) >= 1

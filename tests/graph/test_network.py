@@ -183,3 +183,12 @@ def test_a_machine_that_is_not_known_is_refused_before_anything_is_made(tmp_path
         assert result.returncode == 2
         assert "should be SUBNET, or machines" in result.stderr
         assert not (tmp_path / "run").exists()
+
+
+def test_a_public_address_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "bow_sweep", "sweep", *SMALL, "--out", str(tmp_path / "run")]
+    asked = [*words, "--network", "10.0.0.2,8.8.8.8"]
+    result = subprocess.run(asked, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert result.returncode == 2
+    assert re.search(r"8\.8\.8\.8, a public address.*--i-trust-this-network", result.stderr)
+    assert not (tmp_path / "run").exists()

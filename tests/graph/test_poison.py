@@ -26,9 +26,10 @@ def ledger(run: Path) -> list[dict]:
     ("death", "cause"),
     [
         ("SIGSEGV", "killed by SIGSEGV"),
-        pytest.param("exit", "exit status 1", marks=pytest.mark.full),
+        ("exit", "exit status 1"),
     ],
 )
+@pytest.mark.full
 def test_a_block_that_kills_its_simulators_is_quarantined_and_named_and_the_rest_completes(
     death: str, cause: str, undisturbed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

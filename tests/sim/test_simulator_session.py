@@ -231,10 +231,26 @@ class Sessions(RuleBasedStateMachine):
             self.take_block(block(number, attempt, self.run, epoch=self.epoch + later))
         self.worker_goes_on(steps, fails=False)
 
+    @rule(
+        later=st.sampled_from([0, 1, -1]),
+        run=st.sampled_from(RUNS),
+        changes=st.sampled_from([{}, {}, {"coordinator": STRANGER}, {"simulator": STRANGER}]),
+    )
+    def receive_epoch(self, later: int, run: tuple[str, str], changes: dict[str, Any]) -> None:
+        """A consumer of this station was restarted, and there is no block for us: what we hold is void all the same."""
+        self.take_block(block(0, 0, run, epoch=self.epoch + later, cells=[], **changes))
+
     def take_block(self, message: dict[str, Any]) -> None:
         self.seen.append(message)
         key = message["block"], message["attempt"]
         obeyed = message["simulator"] == OWN and (message["coordinator"], message["run_id"]) in self.living
+        if not message["attempt"] and not message["cells"]:
+            if obeyed and (message["run_id"], message["sweep_id"]) == self.run:
+                self.enter(message["epoch"])
+            prepared = len(self.prepared)
+            self.tell(BlockReceived(message))
+            assert (len(self.prepared), self.session.epoch) == (prepared, self.epoch)
+            return
         obeyed &= key not in [held.key for held in self.held]
         waiting = [held for held in self.held if not self.is_void(held) and held.message["epoch"] >= message["epoch"]]
         fits = (

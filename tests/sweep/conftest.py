@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import recording
+from domains import own_domain
 
 
 @pytest.fixture(scope="session")
@@ -39,5 +39,5 @@ def whole(complete: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def graph(tmp_path: Path) -> Iterator[recording.Graph]:
     """A node of ours in a domain of its own, and a recorder to come."""
-    with recording.graph(tmp_path / "run", 100 + os.getpid() % 100) as made:
+    with own_domain() as domain, recording.graph(tmp_path / "run", domain) as made:
         yield made

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from bow_sim.graph import discovery
+from bow_sim.graph import discovery, exposure
 
 
 def test_by_default_it_is_this_machine_alone() -> None:
@@ -48,7 +48,8 @@ def test_both_profiles_name_the_same_shared_memory_and_only_one_the_loopback() -
     assert ["127.0.0.1</address>" in text for text in texts.values()] == [True, False]
 
 
-def test_a_network_is_a_subnet_or_machines() -> None:
+def test_a_network_is_a_subnet_or_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(discovery, "own_addresses", lambda: ["127.0.0.1"])
     assert discovery.variables_for("subnet") == {discovery.RANGE: "SUBNET"}
     assert discovery.variables_for("127.0.0.1, localhost") == {
         discovery.RANGE: "LOCALHOST",
@@ -57,6 +58,48 @@ def test_a_network_is_a_subnet_or_machines() -> None:
     for wrong in ("", "10.0.0.1,,10.0.0.2", "a b", "$(reboot)", "no.such.machine.invalid"):
         with pytest.raises(discovery.NetworkError, match="should be SUBNET, or machines"):
             discovery.variables_for(wrong)
+
+
+def test_a_network_with_public_addresses_needs_the_users_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = ["127.0.0.1", "10.0.0.1", "192.168.1.4", "100.64.3.2", "172.20.0.1"]
+    monkeypatch.setattr(discovery, "own_addresses", lambda: own)
+    assert discovery.variables_for("10.0.0.2,100.64.3.3")[discovery.PEERS] == "10.0.0.2;100.64.3.3"
+    assert discovery.variables_for("SUBNET") == {discovery.RANGE: "SUBNET"}
+    with pytest.raises(discovery.NetworkError, match=r"^8\.8\.8\.8: is at 8\.8\.8\.8, a public.*--i-trust-this-net"):
+        discovery.variables_for("10.0.0.2,8.8.8.8")
+    assert discovery.variables_for("8.8.8.8", trusted=True)[discovery.PEERS] == "8.8.8.8"
+    own.append("8.8.4.4")
+    for network in ("SUBNET", "10.0.0.2"):
+        with pytest.raises(discovery.NetworkError, match=r"this machine has the public address 8\.8\.4\.4"):
+            discovery.variables_for(network)
+        discovery.variables_for(network, trusted=True)
+    with pytest.raises(discovery.NetworkError, match="should be SUBNET"):
+        discovery.variables_for("no.such.machine.invalid", trusted=True)
+
+
+ROUTES = """Main:
+  +-- 0.0.0.0/0 3 0 5
+     |-- 0.0.0.0
+        /0 universe UNICAST
+     +-- 10.0.0.0/24 2 0 2
+        |-- 10.0.0.0
+           /24 link UNICAST
+        |-- 10.0.0.7
+           /32 host LOCAL
+        |-- 10.0.0.255
+           /32 link BROADCAST
+Local:
+        |-- 10.0.0.7
+           /32 host LOCAL
+        |-- 127.0.0.1
+           /32 host LOCAL
+"""
+"""The form of /proc/net/fib_trie."""
+
+
+def test_the_addresses_of_this_machine_are_those_that_linux_routes_to_itself() -> None:
+    assert exposure.addresses_in(ROUTES) == ["10.0.0.7", "127.0.0.1"]
+    assert "127.0.0.1" in exposure.own_addresses()
 
 
 def test_the_command_for_other_machines_sets_their_variables() -> None:

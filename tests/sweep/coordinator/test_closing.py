@@ -10,14 +10,14 @@ import pytest
 
 from bow_sim.protocol.states import NodeState
 from bow_sweep.coordinator import results
-from bow_sweep.coordinator.closing import CLOSE_S, DRAW_S, IDLE_S, waits_for
+from bow_sweep.coordinator.closing import CLOSE_S, DRAW_S, GONE_S, IDLE_S, waits_for
 
 RUN = "a" * 16
 
 
 def test_a_closing_run_does_not_wait_for_a_dashboard_that_was_left_out_or_hangs() -> None:
     def node(role: str, state: int, run_id: str = RUN) -> Any:
-        return SimpleNamespace(role=role, state=state, run_id=run_id)
+        return SimpleNamespace(role=role, state=state, run_id=run_id, node=f"/bow/{role}")
 
     recorded = node("recorder", NodeState.CLOSED)
     assert waits_for([node("recorder", NodeState.BUSY)], RUN, 1, True) == "recorder"
@@ -35,6 +35,24 @@ def test_a_closing_run_does_not_wait_for_a_dashboard_that_was_left_out_or_hangs(
     busy = [node("recorder", NodeState.BUSY), node("dashboard", NodeState.BUSY)]
     assert waits_for(busy, RUN, DRAW_S + 1, True) == "recorder"
     assert waits_for(busy, RUN, CLOSE_S + 1, True) == ""
+
+
+def test_a_closing_run_waits_for_the_recorder_of_each_station_that_is_still_heard() -> None:
+    closed, busy, failed = (
+        SimpleNamespace(role="recorder", state=state, run_id=RUN, node=f"/bow/{name}/recorder")
+        for name, state in (("a", NodeState.CLOSED), ("b", NodeState.BUSY), ("c", NodeState.FAILED))
+    )
+
+    def awaited(nodes: list[Any], waited: float = 1.0, **silent: float) -> str:
+        names = {f"/bow/{name}/recorder": seconds for name, seconds in silent.items()}
+        return waits_for(nodes, RUN, waited, False, lambda node: node.split("/")[2], lambda node: names.get(node, 0.0))
+
+    assert awaited([closed, failed]) == ""
+    assert awaited([closed, busy]) == "recorder"
+    assert awaited([closed, busy], CLOSE_S + 1) == ""
+    assert awaited([closed, busy], b=GONE_S - 1) == "recorder", "it may have been killed, and is started again"
+    assert awaited([closed, busy], b=GONE_S + 1) == "", "its station is lost"
+    assert awaited([busy], b=GONE_S + 1) == "recorder", "the only one"
 
 
 @pytest.mark.parametrize("error", [ImportError("matplotlib is broken"), OSError(28, "No space left on device")])

@@ -156,3 +156,13 @@ def test_no_text_breaks_the_reader(text: str) -> None:
         Sweep.from_spec("", [text])
     except ParameterError as error:
         assert str(error)
+
+
+def test_a_setting_by_itself_wins_over_what_has_a_name_also_that_of_a_preset():
+    """`guettler_cello` has a mu_s of its own; a rosin stands for another one."""
+    rosin = ["friction=thermal", "rosin=rosin_hard"]
+    found = [Sweep.from_spec("guettler_cello", [*rosin, *more]).parameters for more in ([], ["mu_s=1.05"])]
+    assert [(p.mu_s, p.rosin_t_g) for p in found] == [(0.9, 35.0), (1.05, 35.0)]
+    assert Sweep.from_spec("schelleng_cello", rosin).parameters.mu_s == 1.05
+    assert Sweep.from_spec("guettler_cello", ["mu_s=0.8", *rosin]).parameters.mu_s == 0.8
+    assert Sweep.from_spec("guettler_cello", [*rosin, "mu_s=0.8"]).parameters.mu_s == 0.8

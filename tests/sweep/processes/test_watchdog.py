@@ -191,3 +191,40 @@ def test_a_coordinator_that_is_stopped_or_computes_is_no_reason_to_join_again(ma
         machine.cpu[9] = float(now)
         watchdog.unheard({9}, float(now))
         assert not watchdog.must_join_again(now)
+
+
+def test_a_coordinator_never_heard_is_looked_for_after_a_stop(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.note_stop(50)
+    watchdog.note_stop(51)  # each look says so
+    assert not watchdog.must_join_again(50 + LOST_S)
+    assert watchdog.must_join_again(51 + LOST_S)
+
+
+def test_of_a_coordinator_that_waits_alone_those_are_restarted_that_it_does_not_hear(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    needed = {1, 2, 3, 4, 9}
+
+    def coordinator(state: int, hears: list[str], now: float) -> None:
+        watchdog.heartbeat(9, "coordinator", state, RUN, now, "c", hears)
+
+    for pid, role in ((1, "recorder"), (2, "classifier"), (3, "simulator")):
+        watchdog.heartbeat(pid, role, NodeState.READY, RUN, 0, f"incarnation{pid}")
+    watchdog.note_stop(0)
+    hears = ["incarnation1 health receipts", "incarnation2 health verdicts"]
+    coordinator(NodeState.STARTING, hears, 1)
+    assert watchdog.stuck(1 + 2 * STUCK_S, needed) == set()  # process 4 was never heard: it may be starting
+    watchdog.heartbeat(4, "simulator", NodeState.READY, RUN, 30, "incarnation4")
+    assert watchdog.stuck(30 + AFTER_STOP_S, needed) == {3}
+    needed = {1, 2, 4, 5, 9}  # 5 in place of 3, which was killed
+    assert watchdog.stuck(60, needed) == set()
+    watchdog.heartbeat(5, "simulator", NodeState.READY, RUN, 60, "incarnation5")
+    coordinator(NodeState.STARTING, [*hears, "incarnation5 health"], 61)
+    assert watchdog.stuck(62, needed) == {4}
+    needed = {1, 2, 5, 6, 9}
+    watchdog.heartbeat(6, "simulator", NodeState.READY, RUN, 63, "incarnation6")
+    coordinator(NodeState.STARTING, [*hears, "incarnation5 health", "incarnation6 health"], 64)
+    assert watchdog.stuck(62 + AFTER_STOP_S, needed) == set()
+    assert watchdog.stuck(63 + AFTER_STOP_S, needed) == {9}  # it hears all, and is not ready all the same
+    coordinator(NodeState.BUSY, [], 80)
+    assert watchdog.stuck(200, needed) == set()

@@ -12,6 +12,8 @@ from small_graph import SmallGraph
 
 from bow_sim.protocol import cdr
 from bow_sim.protocol.states import ReceiptKind
+from bow_sweep.record import mcap_writer
+from bow_sweep.record.bag import bag_files
 from bow_sweep.record.disk import DiskSync
 from bow_sweep.record.session import Session
 from bow_sweep.record.verify import verify
@@ -64,6 +66,7 @@ def session(tmp_path: Path):
     made.abandon()
 
 
+@pytest.mark.alone
 def test_a_block_is_receipted_when_the_disk_has_it_and_messages_are_taken_meanwhile(session, monkeypatch) -> None:
     disk = Disk(monkeypatch)
     send(session, 0)
@@ -148,6 +151,58 @@ def test_one_sync_serves_all_that_waits(tmp_path, monkeypatch) -> None:
         until(lambda: found.update(sync.done()) or len(found) == 8)
         assert disk.asked == 2
         assert sync.close() == {}
+
+
+def test_what_a_sync_before_has_brought_to_the_disk_is_dropped_from_the_page_cache(tmp_path, monkeypatch) -> None:
+    dropped: list[tuple[int, int, int]] = []
+    monkeypatch.setattr(os, "posix_fadvise", lambda _, *what: dropped.append(what))
+    with open(tmp_path / "file", "wb") as file:
+        sync = DiskSync(file.fileno())
+        for number in range(3):
+            sync.wrote([(100 * number, 100 * number + 70)])
+            sync.ask({number: 1})
+            until(sync.done)
+        sync.wrote([(900, 999)])
+        sync.close()
+    drop = os.POSIX_FADV_DONTNEED
+    assert dropped == [(0, 70, drop), (100, 70, drop)]
+
+
+def test_a_file_system_that_drops_nothing_is_asked_once_and_receipts_come_all_the_same(tmp_path, monkeypatch) -> None:
+    asked: list[tuple[int, ...]] = []
+
+    def refuse(*what: int) -> None:
+        asked.append(what)
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(os, "posix_fadvise", refuse)
+    with open(tmp_path / "file", "wb") as file:
+        sync = DiskSync(file.fileno())
+        for number in range(4):
+            sync.wrote([(0, 1), (1, 2)])
+            sync.ask({number: 1})
+            assert until(sync.done) == {number: 1}
+        sync.close()
+    assert len(asked) == 1
+
+
+def test_the_streams_of_a_session_are_dropped_and_what_the_check_by_index_reads_is_not(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(mcap_writer, "BULK", 4096)  # verdicts are smaller
+    places: list[tuple[int, int]] = []
+    monkeypatch.setattr(os, "posix_fadvise", lambda _, first, size, __: places.append((first, first + size)))
+    session = recording.session(tmp_path / "run", SWEEP)
+    found: list = []
+    for block in range(SWEEP.blocks):
+        send(session, block)
+        until(lambda: found.extend(blocks_on_disk(session)) or len(found) == block + 1)  # noqa: B023
+    recording.finish(session, SWEEP)
+    assert places
+    path = bag_files(tmp_path / "run" / "bag")[0]
+    content = bytearray(path.read_bytes())
+    for first, end in places:
+        content[first:end] = bytes(end - first)
+    path.write_bytes(content)
+    assert verify(tmp_path / "run", classify=False, index=True)["ok"]
 
 
 def test_a_sweep_with_syncs_is_done_and_holds(tmp_path) -> None:

@@ -2,17 +2,20 @@
 
 import io
 import os
+import zlib
+from itertools import cycle
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.records import Channel, Schema
+from mcap.records import Channel, DataEnd, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
+from bow_sweep.record import mcap_writer
 from bow_sweep.record.mcap_reader import Scan
-from bow_sweep.record.mcap_writer import McapWriter
+from bow_sweep.record.mcap_writer import McapWriter, write_all
 
 SCHEMAS = [Schema(id=1, name="pkg/msg/Thing", encoding="ros2msg", data=b"uint8 x\n")]
 CHANNELS = [
@@ -117,6 +120,63 @@ def test_a_commit_that_the_disk_refuses_leaves_the_file_as_it_was(tmp_path, monk
     assert (tmp_path / "a.mcap").stat().st_size == size
     writer.finish()  # the disk has room again: nothing was lost
     assert [bytes(m.data) for m in Scan(tmp_path / "a.mcap").messages()] == [b"first", bytes(100_000)]
+
+
+@settings(max_examples=60, deadline=None)
+@given(sizes=st.lists(st.integers(0, 300), max_size=12), commit_every=st.integers(1, 5))
+def test_the_crc_of_the_data_section_is_that_of_its_bytes(tmp_path_factory, sizes, commit_every):
+    path = tmp_path_factory.mktemp("crc") / "a.mcap"
+    write(path, [os.urandom(size) for size in sizes], commit_every)
+    content = path.read_bytes()
+    with open(path, "rb") as file:
+        (record,) = (record for record in StreamReader(file).records if isinstance(record, DataEnd))
+    section, _, _ = content.rpartition(mcap_writer.pack(record))
+    assert record.data_section_crc == zlib.crc32(section)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    sizes=st.lists(st.integers(0, 40), max_size=20),
+    offset=st.integers(0, 50),
+    shorter=st.lists(st.integers(1, 16), min_size=1, max_size=5),
+)
+def test_pieces_end_at_multiples_and_nothing_is_lost_where_less_is_written_than_asked_for(
+    tmp_path_factory, sizes, offset, shorter
+):
+    path = tmp_path_factory.mktemp("pieces") / "file"
+    path.write_bytes(bytes(offset))
+    parts = [os.urandom(size) for size in sizes]
+    ends, most = [], cycle(shorter)
+    true_writev = os.writev
+
+    def writev(descriptor, piece):
+        data = b"".join(piece)
+        ends.append(os.lseek(descriptor, 0, os.SEEK_CUR) + len(data))
+        return true_writev(descriptor, [data[: next(most)]])
+
+    with pytest.MonkeyPatch.context() as patch, open(path, "r+b") as file:
+        patch.setattr(mcap_writer, "PIECE", 16)
+        patch.setattr(mcap_writer, "_MAX_PARTS", 3)
+        patch.setattr(os, "writev", writev)
+        os.lseek(file.fileno(), offset, os.SEEK_SET)
+        write_all(file.fileno(), parts, offset)
+        for at, end in zip([offset, *ends], ends, strict=False):
+            assert end <= (at // 16 + 1) * 16
+    assert path.read_bytes() == bytes(offset) + b"".join(parts)
+
+
+def test_large_messages_are_named_by_their_place_once_they_are_committed(tmp_path):
+    writer = McapWriter(tmp_path / "a.mcap", SCHEMAS, CHANNELS)
+    small, large = os.urandom(mcap_writer.BULK - 1), [os.urandom(mcap_writer.BULK + n) for n in range(2)]
+    for number, data in enumerate((large[0], small, large[1])):
+        writer.add(1, number, number, number, data)
+    assert writer.take_bulk() == []
+    writer.commit()
+    places = writer.take_bulk()
+    content = (tmp_path / "a.mcap").read_bytes()
+    assert [content[first:end] for first, end in places] == [data[mcap_writer.HEAD :] for data in large]
+    assert writer.take_bulk() == []
+    writer.abandon()
 
 
 def test_a_file_that_is_there_is_not_overwritten(tmp_path):

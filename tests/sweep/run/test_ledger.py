@@ -1,5 +1,7 @@
 """The ledger: exact accounts whatever happens, in whatever order."""
 
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,13 +22,14 @@ def verdict_sum(block: int, chunk: int) -> int:
     return 500_000 + 1000 * block + chunk
 
 
-def answer(ledger: Ledger, block: int, now: float = 0.0) -> list:
+def answer(ledger: Ledger, block: int, now: float = 0.0, station: str = "") -> list:
     out = []
     for chunk in range(CHUNKS):
-        out += ledger.handle(L.Receipted(block, chunk, chunk_sum(block, chunk), False), now)
-        out += ledger.handle(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk)), now)
-        out += ledger.handle(L.Receipted(block, chunk, verdict_sum(block, chunk), True), now)
-    return out + ledger.handle(L.OnDisk(block), now)
+        streams, verdicts = chunk_sum(block, chunk), verdict_sum(block, chunk)
+        out += ledger.handle(L.Receipted(block, chunk, streams, False, station), now)
+        out += ledger.handle(L.Judged(block, chunk, streams, verdicts, station), now)
+        out += ledger.handle(L.Receipted(block, chunk, verdicts, True, station), now)
+    return out + ledger.handle(L.OnDisk(block, station), now)
 
 
 def dispatches(out: list) -> list[L.Dispatch]:
@@ -238,6 +241,88 @@ def test_resume_keeps_what_is_done_and_goes_on_with_the_next_attempt() -> None:
     assert [(d.block, d.attempt) for d in out] == [(1, 2), (2, 1)]
 
 
+def entries(out: list, event: str) -> list:
+    return [item.entry for item in out if isinstance(item, L.Record) and item.entry["event"] == event]
+
+
+def test_a_block_is_done_by_the_answers_of_the_station_that_it_was_sent_to() -> None:
+    ledger = Ledger(1, CHUNKS)
+    sent = entries(ledger.handle(L.SimulatorReady("a", "lab"), 0), "dispatched")
+    assert [entry["station"] for entry in sent] == ["lab"]
+    for other in ("", "attic"):
+        assert answer(ledger, 0, station=other) == []
+    done = entries(answer(ledger, 0, station="lab"), "done")
+    assert [entry["station"] for entry in done] == ["lab"]
+    assert ledger.finished
+    assert Ledger.resume(1, CHUNKS, [*sent, *done]).is_of(0, "lab")
+
+
+def test_entries_say_nothing_of_the_station_without_a_name() -> None:
+    ledger = Ledger(1, CHUNKS)
+    records = ledger.handle(L.SimulatorReady("a"), 0) + ledger.handle(L.ConsumerRestarted("recorder"), 0)
+    records += answer(ledger, 0)
+    assert [item.entry for item in records if isinstance(item, L.Record) and "station" in item.entry] == []
+
+
+def test_the_account_of_a_block_begins_anew_at_another_station() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a", "lab"), 0)
+    for chunk in range(CHUNKS):
+        ledger.handle(L.Receipted(0, chunk, chunk_sum(0, chunk), False, "lab"), 0)
+    ledger.handle(L.OnDisk(0, "lab"), 0)
+    ledger.handle(L.SimulatorLost("a", "cut off"), 0)
+    ledger.handle(L.SimulatorReady("b", "attic"), 0)
+    assert ledger.blocks[0].streams == {}
+    assert not ledger.blocks[0].on_disk
+    answer(ledger, 0, station="lab")
+    assert not ledger.finished
+    answer(ledger, 0, station="attic")
+    assert ledger.finished
+
+
+def test_late_answers_of_a_lost_station_count_as_long_as_nobody_else_has_the_block() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a", "lab"), 0)
+    ledger.handle(L.SimulatorLost("a", "silent"), 0)
+    answer(ledger, 0, station="lab")
+    assert ledger.finished
+
+
+def test_two_stations_that_judge_a_chunk_differently_quarantine_the_block() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a", "lab"), 0)
+    ledger.handle(L.Judged(0, 1, chunk_sum(0, 1) + 1, verdict_sum(0, 1), "lab"), 0)
+    ledger.handle(L.SimulatorLost("a", "cut off"), 0)
+    ledger.handle(L.SimulatorReady("b", "attic"), 0)
+    ledger.handle(L.Judged(0, 0, chunk_sum(0, 0), verdict_sum(0, 0), "attic"), 0)
+    assert ledger.blocks[0].state is State.DISPATCHED
+    ledger.handle(L.Judged(0, 1, chunk_sum(0, 1), verdict_sum(0, 1), "attic"), 0)
+    assert ledger.blocks[0].state is State.QUARANTINED
+
+
+def test_a_restarted_consumer_concerns_the_blocks_of_its_station_only() -> None:
+    ledger = Ledger(4, CHUNKS)
+    ledger.handle(L.SimulatorReady("a", "lab"), 0)
+    ledger.handle(L.SimulatorReady("b", "attic"), 0)
+    held = {name: list(blocks) for name, blocks in ledger.in_flight.items()}
+    first = held["b"][0]
+    ledger.handle(L.Receipted(first, 0, chunk_sum(first, 0), False, "attic"), 0)
+    out = ledger.handle(L.ConsumerRestarted("recorder", "lab"), 0)
+    assert [item for item in out if isinstance(item, L.NewEpoch)] == [], "the blocks of the others are not void"
+    assert ledger.in_flight["b"] == held["b"]
+    assert ledger.blocks[first].streams
+    sent = dispatches(out)
+    assert sorted(d.block for d in sent) == held["a"]
+    assert {d.attempt for d in sent} == {2}
+    assert [ledger.epoch_of(d.block) for d in sent] == [2, 2]
+    assert ledger.epoch_of(first) == ledger.announced == 1
+    again = Ledger.resume(4, CHUNKS, entries(out, "restarted"))
+    assert (again.epoch, again.announced) == (3, 3)
+
+
+STATIONS = ("", "lab", "attic")
+
+
 class Sweeping(RuleBasedStateMachine):
     """Anything may happen in any order; the account always balances and resuming gives the same account."""
 
@@ -247,11 +332,14 @@ class Sweeping(RuleBasedStateMachine):
         super().__init__()
         self.recorded = range(CHUNKS)
         self.ledger = Ledger(6, CHUNKS)
-        self.receipted: set[tuple[int, int, bool]] = set()
+        self.receipted: set[tuple[int, int, bool, str]] = set()
+        self.judged: set[tuple[int, int, str]] = set()
+        self.at: dict[str, str] = {}  # simulator -> station
+        self.owner: dict[int, str] = {}  # block -> station that it was sent to last
         self.records: list = []
         self.now = 0.0
         self.names = 0
-        self.synced: set[int] = set()
+        self.synced: set[tuple[int, str]] = set()
 
     @initialize(record=st.sampled_from(list(RECORD)))
     def begin(self, record: str) -> None:
@@ -259,39 +347,62 @@ class Sweeping(RuleBasedStateMachine):
         self.ledger = Ledger(6, CHUNKS, self.recorded)
 
     def follow(self, event: L.Event) -> None:
-        """Note what is receipted, and which blocks are on the disk, since the recorder was started."""
+        """Note what is receipted and judged, and which blocks are on the disk, since a consumer was started."""
         if isinstance(event, L.ConsumerRestarted):
-            self.synced.clear()
-            self.receipted.clear()
+            self.forget(lambda _, station: station == event.station)
         if isinstance(event, L.Receipted):
-            self.receipted.add((event.block, event.chunk, event.verdicts))
+            self.receipted.add((event.block, event.chunk, event.verdicts, event.station))
+        if isinstance(event, L.Judged):
+            self.judged.add((event.block, event.chunk, event.station))
         if isinstance(event, L.OnDisk):
-            self.synced.add(event.block)
+            self.synced.add((event.block, event.station))
+
+    def forget(self, which: Callable[[int, str], bool]) -> None:
+        """Forget the answers of some blocks and stations."""
+        for answers in (self.receipted, self.judged, self.synced):
+            answers -= {answer for answer in answers if which(answer[0], answer[-1])}
 
     def do(self, event: L.Event) -> None:
         before = [block.state for block in self.ledger.blocks]
+        held = {name: list(blocks) for name, blocks in self.ledger.in_flight.items()}
         self.follow(event)
         out = self.ledger.handle(event, self.now)
         for item in out:
+            if isinstance(item, L.Dispatch):
+                station = self.at[item.simulator]
+                if self.owner.get(item.block, "") != station:
+                    self.forget(lambda block, _, moved=item.block: block == moved)
+                self.owner[item.block] = station
             if isinstance(item, L.Settled) and item.state is State.DONE:
-                assert item.block in self.synced, "a block is done only when it is on the disk since the last restart"
-                due = {(item.block, chunk, True) for chunk in range(CHUNKS)}
-                due |= {(item.block, chunk, False) for chunk in self.recorded}
-                assert due <= self.receipted, "a block is done only when all is receipted that is to be recorded"
+                at = self.owner.get(item.block, "")
+                assert (item.block, at) in self.synced, "done only when it is on the disk since the last restart"
+                due = {(item.block, chunk, True, at) for chunk in range(CHUNKS)}
+                due |= {(item.block, chunk, False, at) for chunk in self.recorded}
+                assert due <= self.receipted, "done only when one station has receipted all that is to be recorded"
+                assert {(item.block, chunk, at) for chunk in range(CHUNKS)} <= self.judged, "and judged all of it"
+        for entry in (item.entry for item in out if isinstance(item, L.Record)):
+            if entry["event"] in ("dispatched", "done"):
+                assert entry.get("station", "") == self.owner.get(entry["block"], "")
+        if isinstance(event, L.ConsumerRestarted) and {*self.at.values()} - {event.station}:
+            for name, blocks in held.items():
+                if self.at[name] != event.station:
+                    assert self.ledger.in_flight[name][: len(blocks)] == blocks, "the others go on"
         self.records += [item.entry for item in out if isinstance(item, L.Record)]
         for old, block in zip(before, self.ledger.blocks, strict=False):
             if old in (State.DONE, State.QUARANTINED):
                 assert block.state is old, "what is settled stays settled"
 
-    @rule(target=simulators)
-    def join(self) -> str:
+    @rule(target=simulators, station=st.sampled_from(STATIONS))
+    def join(self, station: str) -> str:
         self.names += 1
-        self.do(L.SimulatorReady(f"s{self.names}"))
+        self.at[f"s{self.names}"] = station
+        self.do(L.SimulatorReady(f"s{self.names}", station))
         return f"s{self.names}"
 
     @rule(simulator=consumes(simulators), blame=st.booleans())
     def lose(self, simulator: str, blame: bool) -> None:
         self.do(L.SimulatorLost(simulator, "x", blame))
+        self.at.pop(simulator)
 
     @rule(simulator=simulators, refused=st.booleans(), stale=st.booleans())
     def end_goal(self, simulator: str, refused: bool, stale: bool) -> None:
@@ -299,22 +410,39 @@ class Sweeping(RuleBasedStateMachine):
             attempt = self.ledger.blocks[block].attempt - stale
             self.do(L.Refused(simulator, block, attempt, "x") if refused else L.Finished(simulator, block, attempt))
 
-    @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS), wrong=st.sampled_from([0, 0, 0, 0, 1]))
-    def receipt(self, block: int, chunk: int, wrong: int) -> None:
-        self.do(L.Receipted(block, chunk, chunk_sum(block, chunk) + wrong, False))
-        self.do(L.Receipted(block, chunk, verdict_sum(block, chunk), True))
+    @rule(
+        block=st.integers(0, 7),
+        chunk=st.integers(0, CHUNKS),
+        wrong=st.sampled_from([0, 0, 0, 0, 1]),
+        station=st.sampled_from(STATIONS),
+    )
+    def receipt(self, block: int, chunk: int, wrong: int, station: str) -> None:
+        self.do(L.Receipted(block, chunk, chunk_sum(block, chunk) + wrong, False, station))
+        self.do(L.Receipted(block, chunk, verdict_sum(block, chunk), True, station))
 
-    @rule(block=st.integers(0, 7))
-    def sync(self, block: int) -> None:
-        self.do(L.OnDisk(block))
+    @rule(block=st.integers(0, 7), station=st.sampled_from(STATIONS))
+    def sync(self, block: int, station: str) -> None:
+        self.do(L.OnDisk(block, station))
 
-    @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS))
-    def judge(self, block: int, chunk: int) -> None:
-        self.do(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk)))
+    @rule(block=st.integers(0, 7), chunk=st.integers(0, CHUNKS), station=st.sampled_from(STATIONS))
+    def judge(self, block: int, chunk: int, station: str) -> None:
+        self.do(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk), station))
 
-    @rule(role=st.sampled_from(["recorder", "classifier"]))
-    def restart(self, role: str) -> None:
-        self.do(L.ConsumerRestarted(role))
+    @rule(block=st.integers(0, 7), missing=st.integers(0, 20))
+    def all_is_answered_where_it_is(self, block: int, missing: int) -> None:
+        """Its station sends all answers, or all but one."""
+        at = self.owner.get(block, "")
+        events: list = [L.OnDisk(block, at)]
+        for chunk in range(CHUNKS):
+            events.append(L.Receipted(block, chunk, chunk_sum(block, chunk), False, at))
+            events.append(L.Judged(block, chunk, chunk_sum(block, chunk), verdict_sum(block, chunk), at))
+            events.append(L.Receipted(block, chunk, verdict_sum(block, chunk), True, at))
+        for event in events[:missing] + events[missing + 1 :]:
+            self.do(event)
+
+    @rule(role=st.sampled_from(["recorder", "classifier"]), station=st.sampled_from(STATIONS))
+    def restart(self, role: str, station: str) -> None:
+        self.do(L.ConsumerRestarted(role, station))
 
     @rule(seconds=st.floats(0, 30))
     def wait(self, seconds: float) -> None:

@@ -154,6 +154,7 @@ def test_accounts_are_written_once_a_second(live, clock):
     assert "interrupted" in texts[-1]
 
 
+@pytest.mark.alone
 def test_a_map_costs_a_sweep_next_to_nothing(tmp_path):
     """The budget is 0.3 s of CPU for the fifteen maps of a sweep; busy neighbours may double what is measured."""
     shown = LiveRun(tmp_path, plan(nx=128, ny=64))

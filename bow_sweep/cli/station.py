@@ -1,0 +1,154 @@
+"""The command `bow station`: joins a run with simulators, a recorder and a classifier of its own."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shlex
+import shutil
+import socket
+from pathlib import Path
+from typing import Any
+
+from bow_sim.graph import discovery
+from bow_sim.protocol.stations import StationError, check_name
+from bow_sweep.cli.sweep import bounded, cores
+from bow_sweep.cli.terminal import environment_is_ready, fail, warn
+from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, USAGE
+from bow_sweep.processes.new_directory import RUNS
+
+STATION = """Join a run that is in progress, here or on another machine, as a station: simulators with a recorder and a
+classifier of their own. Their streams stay on this machine, in a bag of their own; verdicts and receipts go to the
+coordinator of the run. A station may come and go: the run goes on without it, and what it has not finished is computed
+by others. It ends with the run, or at Ctrl-C."""
+
+RUN_ID = re.compile(r"[a-f][0-9a-f]{15}")
+
+
+def add_command(commands: Any) -> None:
+    """Add the parser of `station`; its default `run` takes the parsed arguments."""
+    parser = commands.add_parser(
+        "station",
+        help="join a run as a station: simulators with a recorder and a classifier of their own",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description=STATION,
+        epilog="examples:\n"
+        "  bow sweep fig11d --network SUBNET                       on the first machine; it prints the RUN_ID\n"
+        "  bow station lab_2 --run RUN_ID --network SUBNET         on the second: one simulator a core\n"
+        "  bow station half --run runs/fig11d-20260101-120000      a second station on the first machine\n\n"
+        "The bag is in DIR/RUN_ID/bag/NAME. When the run is over, `bow collect` brings the bags together.\n\n"
+        "exit status: 0 the run is over, 1 failed, 2 wrong usage, 130 interrupted",
+    )
+    parser.add_argument("name", metavar="NAME", help="of the station: lower-case letters, digits and _; one of a run")
+    parser.add_argument(
+        "--run",
+        dest="joined",
+        metavar="RUN",
+        required=True,
+        help="identity of the run, 16 hexadecimal digits, as `bow sweep --network` prints it; or its directory",
+    )
+    parser.add_argument("--simulators", metavar="N", type=int, help="processes (default: one a core)")
+    parser.add_argument(
+        "--network",
+        metavar="WHERE",
+        default="",
+        help="where the run's machine is: SUBNET, or its name or address (default: on this machine)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=RUNS,
+        help="directory in which RUN_ID/ is made (default: runs); a station that comes back goes on in it",
+    )
+    parser.add_argument(
+        "--no-sync", action="store_true", help="call blocks done before they are on the disk: a power cut may lose some"
+    )
+    parser.add_argument(
+        "--no-lock", action="store_true", help="for file systems without locks; see that no other process uses the bag"
+    )
+    parser.set_defaults(run=_station)
+
+
+def _station(args: argparse.Namespace) -> int:
+    simulators = cores() if args.simulators is None else args.simulators
+    if simulators < 1:
+        return fail(f"--simulators {args.simulators}: should be at least 1")
+    if not environment_is_ready():
+        return USAGE
+    from bow_sweep.run.errors import RunError
+
+    try:
+        name, run_id = check_name(args.name), _identity(args.joined)
+        if args.network:
+            os.environ.update(discovery.variables_for(args.network))
+    except (StationError, RunError) as error:
+        return fail(str(error))
+    except discovery.NetworkError as error:
+        return fail(f"--network {error}")
+    most = bounded(simulators, cores())
+    if most < simulators and args.simulators:
+        warn(f"--simulators {simulators}: {most} are started, more do not start well here")
+    return _join(args, name, run_id, most)
+
+
+def _identity(run: str) -> str:
+    """Return the identity of a run that is named by it, or by its directory.
+
+    Raises
+    ------
+    RunError
+        Where it is neither.
+    """
+    from bow_sweep.run.directory import RunError, read_ledger
+
+    if RUN_ID.fullmatch(run):
+        return run
+    if not Path(run).is_dir():
+        raise RunError(f"--run {run}: should be the identity of a run, 16 hexadecimal digits, or a run directory")
+    return str(read_ledger(Path(run))[0]["run_id"])
+
+
+def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> int:
+    """Be the station until the run is over; leave no directory where nothing was recorded."""
+    from bow_sweep.processes.progress import Display
+    from bow_sweep.processes.station_graph import run_station
+    from bow_sweep.processes.supervisor import GraphError
+    from bow_sweep.record.bag import bag_files, bag_folder
+    from bow_sweep.run.errors import RunError
+    from bow_sweep.run.lock import locked
+
+    directory = args.out.absolute() / run_id
+    display = Display()
+    again = f"go on with: bow station {name} --run {shlex.quote(args.joined)}"
+    new = not directory.exists()
+    problem, status = "", DONE
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with locked(directory, f"station-{name}", not args.no_lock):
+            bag = bag_folder(directory.resolve(), name)
+            display.print_line(f"station {name} of run {run_id}: {simulators} simulators -> {bag}")
+            run_station(
+                bag.parent.parent,
+                run_id,
+                name,
+                simulators=simulators,
+                display=display,
+                sync=not args.no_sync,
+                lock=not args.no_lock,
+            )
+    except KeyboardInterrupt:
+        problem, status = f"interrupted; the run goes on without station {name}; {again}", INTERRUPTED
+    except GraphError as error:
+        problem, status = f"{error}\n{again}", FAILED
+    except (RunError, OSError) as error:
+        problem, status = f"station {name}: {error}", FAILED
+    display.stop()
+    kept = bag_files(bag_folder(directory, name))
+    if kept:
+        where = f"{socket.gethostname()}:{directory}"
+        display.print_line(f"recorded in {kept[0].parent}; where the run is: bow collect RUN {shlex.quote(where)}")
+    elif new and status != DONE:
+        shutil.rmtree(directory, ignore_errors=True)  # nothing but logs and locks of this start
+    return fail(problem, status) if problem else DONE

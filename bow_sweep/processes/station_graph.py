@@ -1,0 +1,81 @@
+"""The processes of `bow station` on this machine: simulators that join a run, with a recorder and a classifier."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+from pathlib import Path
+
+from bow_sim.protocol.inspected import SPREAD
+from bow_sweep.processes.interrupts import Interrupts
+from bow_sweep.processes.progress import Display
+from bow_sweep.processes.run_graph import AT_ONCE, BETWEEN_S, LOGS
+from bow_sweep.processes.supervisor import Supervisor
+
+
+def run_station(
+    directory: Path,
+    run_id: str,
+    station: str,
+    *,
+    simulators: int,
+    display: Display,
+    sync: bool = True,
+    lock: bool = True,
+) -> None:
+    """Be a station of a run until that closes.
+
+    Parameters
+    ----------
+    directory
+        Directory for what the station records, in ``bag/STATION``; exists.
+    run_id, station
+        The run, and the name of the station.
+    simulators
+        Number of simulator processes.
+    display
+        Shows the progress.
+    sync
+        A block is done only when it is on the disk.
+    lock
+        Lock the bag.
+
+    Raises
+    ------
+    GraphError
+        Where the station cannot go on, or does not hear the run's coordinator.
+    KeyboardInterrupt
+        After Ctrl-C or SIGTERM; all processes have been stopped in order.
+    """
+    parameters: dict[str, dict[str, object]] = {
+        "recorder": {"run_dir": str(directory), "sync": sync, "lock": lock},
+        "simulator": {"inspect": [SPREAD]},
+    }
+    supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
+    finished = False
+    gc.disable()  # no garbage arises while modules are imported
+    with Interrupts("leaving the run; a few seconds") as interrupts:
+        try:
+            supervisor.start("recorder", station)
+            with interrupts.immediate():
+                from bow_classifier.precompile import precompile
+
+                precompile()  # the processes that are forked later have it
+            supervisor.start("classifier", station)
+            for number in range(simulators):
+                if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
+                    time.sleep(BETWEEN_S)
+                    interrupts.check()
+                supervisor.start("simulator", station)
+            # Imported here because it loads ROS: a process with DDS entities must not be forked.
+            from bow_sweep.processes.station_watch import watch_station
+
+            gc.enable()
+            watch_station(supervisor, station, display, interrupts)
+            finished = True
+        finally:
+            killed = supervisor.stop(idle=finished)
+            gc.enable()
+            if killed:
+                display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")

@@ -1,0 +1,167 @@
+"""Several stations in a run: one loses its recorder; one comes late, is killed whole, comes back and leaves."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+from domains import own_domain
+from graph import PATIENCE_S, Sweep, assert_same_map, orphans, run_sweep, sweeping, verified
+
+from bow_sim.graph.shm_files import files_of
+from bow_sweep.record.bag import station_bags
+
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
+
+MANY = ["fig11d", "--nx", "64", "--ny", "64", "--set", "block_cells=16", "--no-dashboard", "--own-graph"]
+BLOCKS = 256
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sweep on one station."""
+    with own_domain():
+        return run_sweep(tmp_path_factory.mktemp("alone") / "run", *MANY)
+
+
+def done_by(run: Path) -> Counter[str]:
+    """Return how many blocks each station has done; the last line of a ledger may be half written."""
+    found: Counter[str] = Counter()
+    for line in (run / "ledger.jsonl").read_text().splitlines():
+        with contextlib.suppress(ValueError):
+            entry = json.loads(line)
+            if entry["event"] == "done":
+                found[entry.get("station", "")] += 1
+    return found
+
+
+class Station:
+    """`bow station` as a process."""
+
+    def __init__(self, name: str, sweep: Sweep, out: Path) -> None:
+        self.sweep, self.output = sweep, out.with_suffix(".out")
+        words = [sys.executable, "-m", "bow_sweep", "station", name, "--run", str(sweep.directory), "--simulators", "1"]
+        with open(self.output, "ab") as output:
+            self.process = subprocess.Popen(
+                [*words, "--out", str(out)], stdout=output, stderr=output, stdin=subprocess.DEVNULL, env=os.environ
+            )
+
+    @property
+    def family(self) -> list[psutil.Process]:
+        """All its processes, itself first."""
+        first = psutil.Process(self.process.pid)
+        return [first, *first.children(recursive=True)]
+
+    def wait_for_blocks(self, name: str, more_than: int) -> None:
+        """Wait until the ledger says that the station has done more blocks than these."""
+
+        def is_there() -> bool:
+            assert self.process.poll() is None, self.output.read_text()
+            return done_by(self.sweep.directory)[name] > more_than
+
+        self.sweep.wait_until(is_there)
+
+
+@contextlib.contextmanager
+def station(name: str, sweep: Sweep, out: Path) -> Iterator[Station]:
+    """Start a station; nothing of it is left in the end."""
+    one = Station(name, sweep, out)
+    try:
+        yield one
+    finally:
+        if one.process.poll() is None:
+            for process in one.family:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    process.kill()
+        one.process.wait()
+
+
+def test_two_stations_of_a_machine_give_the_same_map_though_one_loses_its_recorder(alone: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with sweeping(run, *MANY, "--simulators", "2", "--stations", "2", "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: (run / "ledger.jsonl").exists() and len(done_by(run)) == 2)
+        (recorder,) = [one for one in sweep.children("recorder") if "/station_1" in " ".join(one.cmdline())]
+        recorder.kill()
+        assert sweep.wait() == 0, sweep.text
+    assert "station_1/recorder ended (killed by SIGKILL), starting it again" in sweep.text
+    assert orphans(run) == []
+    assert set(station_bags(run)) == {"station_1", "station_2"}
+    assert set(done_by(run)) == {"station_1", "station_2"}
+    report = verified(run)
+    assert (report["cells"], report["unseen"]) == (4096, {})
+    assert report["verdicts_equal"] == report["verdicts"] == report["chunks_planned"]
+    assert_same_map(alone, run)
+
+
+def test_a_station_comes_late_is_killed_whole_comes_back_and_leaves(alone: Path, tmp_path: Path) -> None:
+    run, out = tmp_path / "run", tmp_path / "stations"
+    with sweeping(run, *MANY, "--simulators", "1", "--out", str(run)) as sweep:
+        sweep.wait_until(lambda: sweep.done_blocks() > 0)
+        (own,) = sweep.children("simulator")
+        own.send_signal(signal.SIGSTOP)  # so that the work lasts until the others have had their part
+        with station("lab", sweep, out) as lab:
+            lab.wait_for_blocks("lab", 0)
+            family = lab.family
+            assert len(family) >= 5, "the command, three nodes and the cleaner of shared memory"
+            files = set[str]().union(*(files_of(process.pid) for process in family))
+            for process in family:
+                process.kill()
+            lab.process.wait()
+        before = done_by(run)["lab"]
+        assert before < BLOCKS - 20, "the machine is too fast for this sweep"
+        with station("lab", sweep, out) as lab:
+            lab.wait_for_blocks("lab", before)
+            lab.process.send_signal(signal.SIGINT)
+            assert lab.process.wait(PATIENCE_S) == 130, lab.output.read_text()
+            assert "the run goes on without station lab" in lab.output.read_text()
+        assert files
+        assert not [file for file in files if "_port" not in file and Path(file).exists()], (
+            "the second removes what is left"
+        )
+        own.send_signal(signal.SIGCONT)
+        assert sweep.wait() == 0, sweep.text
+    assert_same_map(alone, run)
+    shares = done_by(run)
+    assert sum(shares.values()) == BLOCKS
+    assert set(shares) == {"", "lab"}
+    assert f"not seen: {shares['lab']} blocks of station lab" in sweep.text
+    assert {name: len(blocks) for name, blocks in verified(run)["unseen"].items()} == {"lab": shares["lab"]}
+    (bag,) = out.glob("*/bag/lab")
+    assert len(list(bag.glob("*.mcap"))) == 2
+    shutil.copytree(bag, run / "bag" / "lab")
+    report = verified(run)
+    assert report["unseen"] == {}
+    assert report["verdicts_equal"] == report["chunks_planned"]
+
+
+def test_a_station_that_finds_no_run_says_so_and_leaves_nothing(tmp_path: Path) -> None:
+    words = [sys.executable, "-m", "bow_sweep", "station"]
+    for arguments, text in (
+        (["Lab", "--run", "a" * 16], "should be a lower-case letter"),
+        (["lab", "--run", "nowhere"], "--run nowhere: should be the identity of a run"),
+        (["lab", "--run", "a" * 16, "--network", "no.such.machine.invalid"], "should be SUBNET, or machines"),
+        (["lab", "--run", "a" * 16, "--simulators", "0"], "should be at least 1"),
+    ):
+        command = [*words, *arguments, "--out", str(tmp_path / "out")]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+        assert result.returncode == 2
+        assert text in result.stderr
+        assert len(result.stderr.splitlines()) == 1
+    process = subprocess.Popen([*words, "lab", "--run", "a" * 16, "--out", str(tmp_path / "out")], stderr=-1)
+    log = tmp_path / "out" / ("a" * 16) / "log" / "lab_simulator_1.log"
+    deadline = time.monotonic() + PATIENCE_S
+    while not log.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130, said
+    assert not (tmp_path / "out" / ("a" * 16)).exists()

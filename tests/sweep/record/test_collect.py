@@ -1,0 +1,147 @@
+"""`bow collect` brings the bags of stations to the other bags of their run."""
+
+import os
+import shutil
+
+import pytest
+import recording
+from split_runs import split
+
+from bow_sweep.cli import main
+from bow_sweep.record.bag import METADATA, bag_files
+from bow_sweep.record.collect import CollectError, collect
+from bow_sweep.record.recover import recover
+from bow_sweep.record.verify import verify
+
+RSYNC = """#!/bin/sh
+# Stands in for rsync: the last but one argument is HOST:DIR/, the last DIR/.
+echo "$@" >> "$SEEN"
+for word; do before=$last; last=$word; done
+case "$before" in *broken*) echo "rsync: connection unexpectedly closed" >&2; exit 12;; esac
+cp -r "${before#*:}." "$last" 2>/dev/null || { echo "rsync: change_dir failed: No such file" >&2; exit 23; }
+"""
+
+
+@pytest.fixture
+def parts(complete, tmp_path):
+    """The coordinator's run with block 0, and a directory of station b with the others."""
+    run = split(complete, tmp_path / "run", {"": [0], "b": [1, 2]})
+    there = tmp_path / "there"
+    (there / "bag").mkdir(parents=True)
+    shutil.move(run / "bag" / "b", there / "bag" / "b")
+    return run, there
+
+
+def whole(run):
+    found = verify(run)
+    return found["ok"] and not found["unseen"]
+
+
+def leftovers(run):
+    return [path for path in (run / "bag").iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize("inside", ["", recording.RUN])
+def test_a_bag_is_brought_to_the_others(parts, tmp_path, inside):
+    run, there = parts
+    if inside:
+        there = shutil.copytree(there, tmp_path / "out" / inside).parent
+    assert verify(run)["unseen"] == {"b": [1, 2]}
+    assert collect(run, str(there)).bags == ["b"]
+    assert whole(run)
+    assert collect(run, str(there)).known == ["b"]
+    assert not leftovers(run)
+
+
+def test_a_bag_that_has_grown_takes_the_place_of_its_beginning(parts):
+    run, there = parts
+    shutil.copytree(there / "bag" / "b", run / "bag" / "b")
+    (path,) = bag_files(run / "bag" / "b")
+    beginning = path.read_bytes()[:5000]
+    path.write_bytes(beginning)
+    said = []
+    assert collect(run, str(there), said.append).bags == ["b"]
+    assert whole(run)
+    assert (run / "bag_aside" / "b.before" / "b_0.mcap").read_bytes() == beginning
+    path.write_bytes(path.read_bytes() + b"more")
+    assert collect(run, str(there)).known == ["b"]  # what is here is the longer one
+
+
+def test_a_bag_that_is_still_written_can_be_collected_and_repaired(parts):
+    run, there = parts
+    (path,) = bag_files(there / "bag" / "b")
+    path.write_bytes(path.read_bytes()[:-2000])
+    said = []
+    collect(run, str(there), said.append)
+    assert "still being written" in said[-1]
+    assert recover(run)["ok"]
+
+
+def test_a_bag_of_another_run_is_refused_and_nothing_is_left_of_it(parts, tmp_path):
+    run, _ = parts
+    sweep = recording.small_sweep("v_mid=0.1")
+    made = recording.session(tmp_path / "other", sweep)
+    recording.finish(made, sweep)
+    (tmp_path / "another" / "bag").mkdir(parents=True)
+    shutil.move(tmp_path / "other" / "bag", tmp_path / "another" / "bag" / "c")
+    with pytest.raises(CollectError, match=r"bag c: bag_0\.mcap is of run"):
+        collect(run, str(tmp_path / "another"))
+    assert sorted(path.name for path in (run / "bag").iterdir()) == ["bag_0.mcap", METADATA]
+
+
+def test_files_that_are_neither_older_nor_newer_stay(parts):
+    run, there = parts
+    shutil.copytree(there / "bag" / "b", run / "bag" / "b")
+    (path,) = bag_files(run / "bag" / "b")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(CollectError, match="what is here stays"):
+        collect(run, str(there))
+    assert path.read_bytes() == content
+
+
+def test_a_place_without_bags_is_refused(parts, tmp_path):
+    run, there = parts
+    shutil.rmtree(there / "bag" / "b")
+    for source, what in ((there, "holds no bag of a station"), (tmp_path / "nowhere", "is no directory")):
+        with pytest.raises(CollectError, match=what):
+            collect(run, str(source))
+    with pytest.raises(CollectError, match="is no directory"):
+        collect(tmp_path / "nowhere", str(there))
+    assert not leftovers(run)
+
+
+def test_what_a_killed_process_has_left_is_removed(parts):
+    run, there = parts
+    (run / "bag" / ".collect-abc").mkdir()
+    collect(run, str(there))
+    assert not leftovers(run)
+    assert whole(run)
+
+
+def test_another_machine_is_asked_by_rsync(parts, tmp_path, monkeypatch, capsys):
+    run, there = parts
+    (tmp_path / "bin").mkdir()
+    tool = tmp_path / "bin" / "rsync"
+    tool.write_text(RSYNC)
+    tool.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tool.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("SEEN", str(tmp_path / "seen"))
+    out = shutil.copytree(there, tmp_path / "out" / recording.RUN).parent
+    assert main(["collect", str(run), f"lab2:{out}"]) == 0  # rsync finds nothing at the first place
+    assert whole(run)
+    asked = (tmp_path / "seen").read_text().splitlines()
+    assert f"lab2:{out}/bag/" in asked[0]
+    assert f"lab2:{out}/{recording.RUN}/bag/" in asked[1]
+    capsys.readouterr()
+    assert main(["collect", str(run), "lab3:/broken"]) == 1
+    assert "lab3:/broken: rsync could not copy: rsync: connection unexpectedly closed" in capsys.readouterr().err
+    assert whole(run)
+
+
+def test_what_is_still_missed_is_said(parts, tmp_path, complete, capsys):
+    run, _ = parts
+    other = split(complete, tmp_path / "with_c", {"c": [0]})
+    assert main(["collect", str(run), str(other)]) == 0
+    assert "not seen: 2 blocks of station b" in capsys.readouterr().err
