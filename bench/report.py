@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from bench.classifier import FIRST
 from bench.machine import line
 from tools.doc_page import put
 
@@ -32,6 +33,8 @@ MEANING = {
     "nothing else cost anything.",
     "other software": "STK's is another model (no torsion, no stiffness, no hysteresis, but body filters): a "
     "yardstick, not a peer.",
+    "classifier": "A cell-sample is one sample of one cell, all tests and the verdict included. CPU time of one core, "
+    "over the chunks of a block of figure 11(d).",
     "graph": "`bow sweep fig11d` as a user starts it, dashboard file and all, against the bare kernel in as many "
     "processes, which keeps nothing. RSS counts shared pages in each process, PSS shares them out. A standing "
     "graph has its nodes started before, and gets one goal after the other, the bare kernel a map of its own before "
@@ -54,7 +57,8 @@ class Row(NamedTuple):
 def rows(result: Mapping[str, Any]) -> list[Row]:
     """Return a whole result, or as much as there is of one, as rows."""
     parts: dict[str, Callable[[Any], Iterator[Row]]]
-    parts = {"kernel": _kernel, "peak": _peak, "stk": _stk, "graph": _graph, "memory": _memory}
+    parts = {"kernel": _kernel, "peak": _peak, "stk": _stk}
+    parts |= {"classifier": _classifier, "graph": _graph, "memory": _memory}
     found: list[Row] = []
     for name, make in parts.items():
         part = result.get(name, {})
@@ -92,6 +96,12 @@ def _stk(stk: Mapping[str, Any]) -> Iterator[Row]:
         yield Row("other software", "STK Bowed, float64", "left out", stk["skipped"])
     else:
         yield Row("other software", "STK Bowed, float64", f"{stk['ns_per_tick']:.1f} ns a tick", stk["flags"])
+
+
+def _classifier(cases: Mapping[str, Mapping[str, float]]) -> Iterator[Row]:
+    for name, case in cases.items():
+        beside = f"in the first chunk {case['first_chunk_ns']:.2f} ns; {FIRST[name]}"
+        yield Row("classifier", name, f"{case['ns']:.2f} ns a cell-sample", beside)
 
 
 def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:

@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lanes import LANES, LANES_OF, element_aligned, pointer
+from bow_sim.simd.lanes import LANES, LANES_OF, element_aligned, pointer, vector
 
 _I64 = ir.IntType(64)
 
@@ -59,6 +59,22 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o:
         return context.get_dummy_value()
 
     return types.void(x, types.intp, types.intp, level, out, types.intp), codegen
+
+
+@intrinsic
+def flipped(typingctx: Any, x: Any, other: Any) -> Any:
+    """Return x with its sign changed in the lanes where the sign of `other` is minus; both are float32."""
+    lanes = LANES_OF[types.float32]
+    if not (x is lanes and other is lanes):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        whole = ir.VectorType(ir.IntType(32), LANES)
+        values, signs = (builder.bitcast(value, whole) for value in args)
+        signs = builder.and_(signs, ir.Constant(whole, [-(2**31)] * LANES))
+        return builder.bitcast(builder.xor(values, signs), vector(lanes))
+
+    return lanes(x, other), codegen
 
 
 @intrinsic
