@@ -45,6 +45,43 @@ MEANING = {
 """What a section's figures mean."""
 
 
+EARLIER = "d42a378"
+"""A commit whose figures are shown beside those of now."""
+
+
+class Earlier(NamedTuple):
+    """The graph of `EARLIER` with two simulators, on two cores of an AMD EPYC (family 25, model 17).
+
+    Attributes
+    ----------
+    wall_s, cpu_s
+        Of `bow sweep fig11d`.
+    cpu
+        The CPU time over that of the bare kernel.
+    standing
+        Wall time from the first block sent to the last one done over that of the bare kernel; the graph stands.
+    """
+
+    wall_s: float
+    cpu_s: float
+    cpu: float
+    standing: float
+
+
+GRAPH_EARLIER = {
+    (128, 64): Earlier(3.79, 5.84, 8.1, 2.89),
+    (256, 128): Earlier(9.18, 16.18, 6.1, 3.94),
+    (512, 256): Earlier(33.55, 59.72, 5.5, 4.09),
+}
+"""Of maps with so many columns and rows."""
+
+CHUNK_CELLS = 512
+"""Costs a chunk are for so many cells: 1.42 MB of bridge force."""
+
+TESTS = 20
+"""Chunks of a block of the preset that is measured."""
+
+
 class Row(NamedTuple):
     """A line of the table."""
 
@@ -121,17 +158,27 @@ def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
         yield Row("graph", "  plan to last block done", f"{graph['plan_to_last_block_s']:.2f} s", phases)
         rate = f"first block sent to last done, {over['blocks']:.1f} times the bare kernel's wall time"
         yield Row("graph", "  throughput", f"{graph['cells_per_s']:,.0f} cells/s", rate)
+        earlier = GRAPH_EARLIER.get((one["width"], one["height"])) if one["simulators"] == 2 else None
         beside = f"bare kernel {bare['cpu_s']:.2f} s: {over['cpu']:.1f} times"
+        if earlier:
+            beside += (
+                f"; at {EARLIER} {earlier.cpu:.1f} times ({earlier.wall_s:.2f} s of wall, {earlier.cpu_s:.2f} of CPU)"
+            )
         yield Row("graph", "  CPU", f"{graph['cpu_s']:.2f} s", beside)
         yield Row("graph", "  peak of all, RSS/PSS", f"{graph['peak_rss_mb']:.0f}/{graph['peak_pss_mb']:.0f} MB")
         kept = one["standing"]
         alone, spread = kept["bare_kernel"], kept["all_over_bare"]
         beside = f"{kept['over_bare']:.2f} times the bare kernel's {alone['wall_s']:.2f} s just before, the median of "
         beside += f"{spread[0]:.2f} ... {spread[-1]:.2f}; goal to result {kept['wall_s']:.2f} s"
+        if earlier:
+            beside += f"; at {EARLIER} {earlier.standing:.2f} times the kernel of then"
         yield Row("graph", "  standing graph: first block sent to last done", f"{kept['blocks_s']:.2f} s", beside)
         beyond = f"{kept['cpu_s'] - alone['cpu_s']:.2f} s beyond the bare kernel: "
         beside = beyond + ", ".join(f"{name} {cpu:.2f}" for name, cpu in kept["processes"].items())
         yield Row("graph", "  standing graph: CPU", f"{kept['cpu_s']:.2f} s", beside)
+        chunks = one["width"] * one["height"] * TESTS / CHUNK_CELLS
+        beside = ", ".join(f"{name} {1e3 * cpu / chunks:.2f}" for name, cpu in kept["processes"].items())
+        yield Row("graph", "  standing graph: CPU a chunk", f"{1e3 * kept['cpu_s'] / chunks:.2f} ms", f"ms: {beside}")
         for process, use in graph["processes"].items():
             memory = f"peak RSS/PSS {use['peak_rss_mb']:.0f}/{use['peak_pss_mb']:.0f} MB"
             yield Row("graph", f"    {process}", f"CPU {use['cpu_s']:.2f} s", memory)
