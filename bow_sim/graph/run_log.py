@@ -47,6 +47,8 @@ class RunLog:
         """
         run, lines = plan["run_id"], []
         is_open = plan["state"] == PlanState.OPEN
+        if not run:  # no name of a run; the node reports it
+            return []
         if run != self.run:
             if not is_open and run == self._closed:
                 return []

@@ -86,3 +86,11 @@ def test_the_rounds_of_an_adaptive_sweep_are_parts_of_what_it_may_simulate() -> 
 
 def test_a_plan_that_is_no_sweep_is_left_to_the_node() -> None:
     assert said(RunLog(), plan() | {"spec.settings": ["x.count=0"]}) == []
+
+
+def test_a_plan_without_the_name_of_a_run_says_nothing() -> None:
+    log = RunLog()
+    unnamed = {**plan(done=2), "run_id": ""}
+    assert said(log, unnamed, unnamed, {**unnamed, "state": PlanState.CLOSED}) == []
+    assert log.run == ""
+    assert said(log, plan(done=2))[1:] == [f"run {RUN}: 50 %, 2 blocks done"]
