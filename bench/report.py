@@ -96,6 +96,7 @@ def rows(result: Mapping[str, Any]) -> list[Row]:
     parts: dict[str, Callable[[Any], Iterator[Row]]]
     parts = {"kernel": _kernel, "peak": _peak, "stk": _stk}
     parts |= {"classifier": _classifier, "graph": _graph, "memory": _memory}
+    parts["coordinator"] = _coordinator
     found: list[Row] = []
     for name, make in parts.items():
         part = result.get(name, {})
@@ -182,6 +183,17 @@ def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
         for process, use in graph["processes"].items():
             memory = f"peak RSS/PSS {use['peak_rss_mb']:.0f}/{use['peak_pss_mb']:.0f} MB"
             yield Row("graph", f"    {process}", f"CPU {use['cpu_s']:.2f} s", memory)
+
+
+def _coordinator(pools: list[dict[str, Any]]) -> Iterator[Row]:
+    for one in pools:
+        name = f"{one['simulators']} simulator{'s'[: one['simulators'] > 1]} that compute nothing"
+        value = f"CPU {one['cpu_ms_a_chunk']:.2f} ms a chunk"
+        beside = (
+            f"{one['chunks_per_s']:,.0f} chunks/s, {one['blocks_per_s']:.0f} blocks/s, {one['busy']:.0%} of a core; "
+        )
+        beside += f"{one['chunk_ms']:.2f} ms without heartbeats, those {one['idle_cpu']:.0%} of a core; "
+        yield Row("coordinator", name, value, f"{beside}{one['rss_mb']:.0f} MB")
 
 
 def _memory(memory: Mapping[str, Any]) -> Iterator[Row]:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bench import classifier, graph, kernel, machine, memory, peak, report, scalar, stk
+from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, scalar, stk
 from bench.processes import Watch, family_of, memory_of, name_of
 from bow_sim.physics.parameters import Parameters
 
@@ -170,3 +170,13 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
         assert words in text
     assert result["machine"]["cpu"] in text
     assert result["machine"]["cpu"].split()[0] in shown.getvalue()
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("ros_domain")
+def test_a_coordinator_with_simulators_that_compute_nothing_finishes_its_sweep(tmp_path: Path) -> None:
+    one = coordinator.measure(3, (32, 16), tmp_path)
+    assert (one["blocks"], one["simulators"]) == (8, 3)
+    assert one["chunks"] > 7 * 20, "each block has all of its chunks answered"
+    assert one["cpu_ms_a_chunk"] > 0 and one["rss_mb"] > 0
+    assert [row.section for row in report.rows({"coordinator": [one]})] == ["coordinator"]
