@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.graph import discovery
+from bow_sim.graph.exposure import TRUST
 from bow_sim.protocol.stations import StationError, check_name
 from bow_sweep.cli.sweep import bounded, cores
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
@@ -56,6 +57,9 @@ def add_command(commands: Any) -> None:
         help="where the run's machine is: SUBNET, or its name or address (default: on this machine)",
     )
     parser.add_argument(
+        TRUST, dest="trusted", action="store_true", help="--network also with public addresses: DDS does not encrypt"
+    )
+    parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
@@ -82,7 +86,7 @@ def _station(args: argparse.Namespace) -> int:
     try:
         name, run_id = check_name(args.name), _identity(args.joined)
         if args.network:
-            os.environ.update(discovery.variables_for(args.network))
+            os.environ.update(discovery.variables_for(args.network, args.trusted))
     except (StationError, RunError) as error:
         return fail(str(error))
     except discovery.NetworkError as error:
@@ -147,8 +151,12 @@ def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> 
     display.stop()
     kept = bag_files(bag_folder(directory, name))
     if kept:
-        where = f"{socket.gethostname()}:{directory}"
-        display.print_line(f"recorded in {kept[0].parent}; where the run is: bow collect RUN {shlex.quote(where)}")
+        here = Path(args.joined).is_dir()
+        run, where = (args.joined, str(directory)) if here else ("RUN", f"{socket.gethostname()}:{directory}")
+        display.print_line(
+            f"recorded in {kept[0].parent}; to bring it to the run{'' if here else ', where that is'}: "
+            f"bow collect {shlex.quote(run)} {shlex.quote(where)}"
+        )
     elif new and status != DONE:
         shutil.rmtree(directory, ignore_errors=True)  # nothing but logs and locks of this start
     return fail(problem, status) if problem else DONE

@@ -14,6 +14,10 @@ from bow_sweep.maps.basin_map import Basin
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
+MAP_CELLS_PER_S = 250_000
+"""Cells of the maps that are published in a second, at most: maps of more than 50,000 cells go out less often than
+5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
+
 
 @dataclass
 class ActiveRun:
@@ -82,6 +86,10 @@ class ActiveRun:
     def plan_message(self, coordinator: str) -> bytes:
         """Return the Plan; `coordinator` is an incarnation."""
         return messages.plan_message(self.run, PlanState.CLOSED if self.is_closing else PlanState.OPEN, coordinator)
+
+    def is_map_due(self, now: float) -> bool:
+        """Return whether a map of this size may be published again while the run is open."""
+        return now - self.map_at >= self.run.sweep.cells / MAP_CELLS_PER_S
 
     def new_map(self) -> dict[str, Any] | None:
         """Return the fields of a BasinMap; None if it has no more tests than at the call before."""

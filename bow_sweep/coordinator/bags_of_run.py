@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bow_sweep.record.bag import FOLDER, BagError, station_bags
 from bow_sweep.record.bag_contents import RunIdentity, Survey
@@ -21,7 +21,14 @@ Log = Callable[[str], None]
 """Takes a line for people."""
 
 
-def repaired_bags(directory: Path, reading: Reading, log: Log, locks: bool) -> RunSurvey:
+class Bags(NamedTuple):
+    """The bags of a run, and whether a recorder is at work on one of them."""
+
+    survey: RunSurvey
+    at_work: bool
+
+
+def repaired_bags(directory: Path, reading: Reading, log: Log, locks: bool) -> Bags:
     """Repair all bags of a run and log what was done; one that a recorder is writing is only read.
 
     Raises
@@ -33,17 +40,19 @@ def repaired_bags(directory: Path, reading: Reading, log: Log, locks: bool) -> R
     right = identity = RunIdentity(first["run_id"], first["sweep_id"]) if first else None
     folder = directory / FOLDER
     bags: dict[str, Survey] = {}
+    at_work = False
     for station, bag in {"": folder, **station_bags(directory)}.items():
         with ExitStack() as stack:
             try:
                 stack.enter_context(locked(directory, recorder_of(station), locks))
             except LockedError:  # only the coordinator of this graph was started again
                 bags[station] = _only_read(bag, directory, right)
+                at_work = True
             else:
                 bags[station] = _repaired(bag, directory, right, log)
             _sync(bag)
         right = right or bags[station].identity
-    return RunSurvey(folder, bags, done_at(reading.entries), identity)
+    return Bags(RunSurvey(folder, bags, done_at(reading.entries), identity), at_work)
 
 
 def _repaired(bag: Path, directory: Path, identity: RunIdentity | None, log: Log) -> Survey:

@@ -84,18 +84,27 @@ class _Plan(NamedTuple):
 
 
 def resume(directory: Path, log: Log = lambda _: None, locks: bool = True) -> Resumed:
-    """Resume a run.
+    """Resume a run, as its coordinator.
+
+    Where a recorder is at work on it, only the coordinator was started again: nobody is asked then, and blocks in bags
+    that are not here are computed again.
 
     Raises
     ------
     RunError
         As :func:`prepare`.
     """
-    survey = prepare(directory, log, locks).survey
+    survey = prepare(directory, log, locks, going_on=True).survey
     return Resumed(Run.resume(directory, locks), survey.layers() if survey.expected else None)
 
 
-def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True, lost: Collection[str] = ()) -> Prepared:
+def prepare(
+    directory: Path,
+    log: Log = lambda _: None,
+    locks: bool = True,
+    lost: Collection[str] = (),
+    going_on: bool = False,
+) -> Prepared:
     """Repair ledger and bags of a run and make the ledger agree with the bags.
 
     Parameters
@@ -106,6 +115,8 @@ def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True, lost
         Lock the directory meanwhile.
     lost
         Stations whose bags are lost: their blocks are computed again.
+    going_on
+        Where a recorder is at work on the run, so are those of all stations whose bags are not here.
 
     Raises
     ------
@@ -116,15 +127,17 @@ def prepare(directory: Path, log: Log = lambda _: None, locks: bool = True, lost
         raise RunError(f"{directory / LEDGER}: no such directory; a run directory of `bow sweep` holds one")
     try:
         with locked(directory, "coordinator", locks):
-            return _prepare(directory, log, locks, lost)
+            return _prepare(directory, log, locks, lost, going_on)
     except OSError as error:
         raise RunError(f"{error.filename or directory}: {error.strerror or error}") from None
 
 
-def _prepare(directory: Path, log: Log, locks: bool, lost: Collection[str]) -> Prepared:
+def _prepare(directory: Path, log: Log, locks: bool, lost: Collection[str], going_on: bool) -> Prepared:
     reading = read_leniently(directory)
-    survey = repaired_bags(directory, reading, log, locks)
+    survey, at_work = repaired_bags(directory, reading, log, locks)
     check_lost(directory, survey, lost)
+    if going_on and at_work:
+        lost = list(survey.unseen)
     plan = _with_rounds_of_bag(directory / LEDGER, _plan(directory / LEDGER, reading, survey, log), survey)
     if reading.bad or plan.entries != reading.entries:
         _replace_ledger(directory, reading, plan.entries, log)
@@ -278,7 +291,7 @@ def _differences(
         if state == "done" and survey.is_unseen(block):
             if stations[block] not in lost:
                 continue
-            lacks = f"the bag of {in_words(stations[block])} is lost"
+            lacks = f"the bag of {in_words(stations[block])} is lost, or not here"
         where = survey.at(block)
         if state == "done" and lacks:
             events.append({"event": "reopened", "block": block, "attempt": attempt, "why": lacks})

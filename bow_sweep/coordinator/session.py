@@ -55,10 +55,6 @@ from bow_sweep.run.ledger import State
 TICK_S = 0.2
 """Seconds between two :class:`TimePassed`; map and progress are published at most this often, 5 Hz."""
 
-MAP_CELLS_PER_S = 250_000
-"""Cells of the maps that are published in a second, at most: maps of more than 50,000 cells go out less often than
-5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
-
 ANNOUNCE_S = 1.0
 """The plan is published again this often while recorder, classifier or a simulator has not taken it up."""
 
@@ -341,7 +337,7 @@ class CoordinatorSession:
         self._apply(ledger_events.Tick())
         if not active.is_closing:
             self._publish_plan(active, if_changed=True)
-            if self._now - active.map_at >= active.run.sweep.cells / MAP_CELLS_PER_S:
+            if active.is_map_due(self._now):
                 self._publish_map(active)
             if active.goal is not None:
                 self._out.append(PublishFeedback(active.goal, active.feedback(self._wall_clock())))
@@ -349,11 +345,7 @@ class CoordinatorSession:
     def _begin_work(self, heard: str | None = None) -> None:
         """Let simulators join while recorder and classifier of their station are ready; else report what is missing.
 
-        Parameters
-        ----------
-        heard
-            Only this simulator, whose heartbeat has arrived; None: all of them. A thousand heartbeats a second would
-            else look at a thousand simulators each.
+        Only the one that was `heard`, if given: else each of a thousand heartbeats would look at a thousand simulators.
         """
         active = self._active
         if active is None or active.is_closing:

@@ -19,6 +19,7 @@ import shutil
 from typing import Any
 
 import numpy as np
+import pytest
 import recording
 from coordinator_world import Node, World, receipt, verdicts
 from hypothesis import settings
@@ -28,10 +29,12 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, LEFT, SILENT_S
 from bow_sim.protocol.states import NodeState, ReceiptKind
+from bow_sweep.coordinator import active_run
 from bow_sweep.coordinator.session import ANNOUNCE_S
 from bow_sweep.coordinator.session_events import (
     CancelRequested,
     GoalAccepted,
+    PublishMap,
     ReceiptReceived,
     RunGiven,
     TimePassed,
@@ -362,3 +365,21 @@ class Coordinating(RuleBasedStateMachine):
 
 TestCoordinating = Coordinating.TestCase
 TestCoordinating.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+
+
+def test_maps_of_many_cells_go_out_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World()
+    monkeypatch.setattr(active_run, "MAP_CELLS_PER_S", PLAIN.cells / 3)  # one in three seconds
+    run = world.create(PLAIN, b"").run
+    world.session.handle(RunGiven(run), 0.0)
+
+    def maps(block: int, now: float) -> list[int]:
+        world.session.handle(VerdictsReceived(verdicts(run, block, 0)), now)
+        out = world.session.handle(TimePassed(), now)
+        return [int(np.count_nonzero(event.values["tests"])) for event in out if isinstance(event, PublishMap)]
+
+    sizes = [run.blocks.size(block) for block in range(3)]
+    assert maps(0, 1.0) == [sizes[0]]
+    assert maps(1, 3.9) == []
+    assert maps(2, 4.0) == [sum(sizes)], "the one that was left out is in the next"
+    shutil.rmtree(world.directory)

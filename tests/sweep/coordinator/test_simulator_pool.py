@@ -73,6 +73,22 @@ def world() -> World:
     return made
 
 
+def test_the_simulator_that_was_heard_joins_and_no_other_is_looked_at() -> None:
+    world, other = World(), "/bow/simulator_2"
+    for name in (NAME, other):
+        world.hear(0.0, node=name, incarnation=name[-1] * 16)
+    world.pool.check(0.0, may_join=True, only=other)
+    assert [event.simulator for event in world.take()] == [other]
+    world.hear(SILENT_S + 1, node=other, incarnation="2" * 16)
+    world.pool.check(SILENT_S + 1, may_join=True, only=other)
+    world.pool.check(SILENT_S + 1, may_join=True, only="/bow/nobody")
+    assert world.take() == []
+    world.pool.check(SILENT_S + 1, may_join=True)
+    world.hear(SILENT_S + 2)
+    world.pool.check(SILENT_S + 2, may_join=True)
+    assert [event.simulator for event in world.take()] == [NAME], "the silent one was forgotten, and came back"
+
+
 def test_a_simulator_joins_when_it_is_ready_and_reports_that_blocks_arrive() -> None:
     world = World()
     for changes in ({"hears_us": False}, {"state": NodeState.STARTING}, {"run_id": "x"}, {"held": [(1, 1)]}):

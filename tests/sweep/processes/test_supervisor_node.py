@@ -35,7 +35,7 @@ def plan(run_id: str, state: int) -> bytes:
 )
 def test_only_the_closed_plan_of_our_run_releases_simulators(data: bytes, closed: bool) -> None:
     seen = Observed(Watchdog(RUN))
-    node = SimpleNamespace(_seen=seen, get_namespace=lambda: f"/bow/{RUN}")
+    node = SimpleNamespace(_seen=seen, run_namespace=f"/bow/{RUN}")
     SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
     assert seen.closed is closed
 

@@ -22,6 +22,7 @@ from bow_sweep.record.topics import TOPICS, full_names
 from bow_sweep.record.verify import verify
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.ledger_file import done_at, latest_states, read_ledger
+from bow_sweep.run.lock import locked, recorder_of
 
 SWEEP = recording.small_sweep()
 BLOCKS = range(SWEEP.blocks)
@@ -202,6 +203,15 @@ def test_the_blocks_of_a_station_that_is_lost_are_computed_again(two):
     assert done_at(entries) == {1: "b", 2: "b"}  # block 1 is whole in the other bag
     found = resume(two)  # as the coordinator does, which is told nothing of it
     found.run.close()
+    assert not found.run.ledger.finished
+
+
+def test_a_coordinator_that_is_started_again_in_a_run_goes_on_without_a_bag_elsewhere(two):
+    shutil.rmtree(two / "bag" / "a")
+    with locked(unfinished(two), recorder_of("b")):
+        found = resume(two)
+    found.run.close()
+    assert done_at(read_ledger(two)) == {1: "b", 2: "b"}
     assert not found.run.ledger.finished
 
 
