@@ -39,7 +39,7 @@ def two(complete, tmp_path):
 
 
 @pytest.mark.full
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_blocks_shared_out_over_any_bags_are_the_same_run(complete, tmp_path_factory, data):
     having = [data.draw(st.sets(st.sampled_from(STATIONS), min_size=1), label=f"block {block}") for block in BLOCKS]
@@ -290,7 +290,7 @@ CHANGES = ("lost", "cut off", "a byte changed", "copied", "exchanged", "metadata
 
 
 @pytest.mark.full
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(
     st.lists(
         st.tuples(st.sampled_from(CHANGES), st.sampled_from("ab"), st.sampled_from("abc"), st.floats(0, 1)),
