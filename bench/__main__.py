@@ -1,4 +1,4 @@
-"""Kernel, peaks, peers, graph and memory in one run: ``make bench``, or ``python -m bench``.
+"""Kernel, peaks, peers, classifier, graph and memory in one run: ``make bench``, or ``python -m bench``.
 
 Progress goes to stderr; to stdout go one table and then one JSON, or with --json the JSON into a file. It takes about
 four minutes on two cores; --large adds two, --quick takes one. Leave the machine alone meanwhile. Exit status 1 where a
@@ -22,9 +22,9 @@ from typing import Any
 
 from rich.console import Console
 
-from bench import coordinator, graph, kernel, machine, memory, peak, report, stk
+from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, stk
 
-PARTS = ("kernel", "peak", "stk", "graph", "memory")
+PARTS = ("kernel", "peak", "stk", "classifier", "graph", "memory")
 ON_REQUEST = ("coordinator",)
 """Parts that are measured only where they are asked for: 1024 simulators take minutes."""
 WIDE = 160
@@ -39,6 +39,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         "kernel": lambda: kernel.measure_all(repeats),
         "peak": lambda: peak.measure(result.get("kernel", {}), repeats),
         "stk": lambda: stk.measure(repeats=repeats),
+        "classifier": lambda: classifier.measure_all(repeats),
         "graph": lambda: graph.measure_all(chosen.quick, chosen.large, chosen.dir),
         "memory": lambda: memory.measure(maps, folder=chosen.dir),
         "coordinator": lambda: coordinator.measure_all(chosen.quick, chosen.dir),
