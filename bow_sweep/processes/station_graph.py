@@ -53,7 +53,6 @@ def run_station(
         "simulator": {"inspect": [SPREAD]},
     }
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
-    finished = False
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("leaving the run; a few seconds") as interrupts:
         try:
@@ -73,9 +72,9 @@ def run_station(
 
             gc.enable()
             watch_station(supervisor, station, display, interrupts)
-            finished = True
         finally:
-            killed = supervisor.stop(idle=finished)
+            # All at once: what is under way is computed again by others, and the recorder needs its time.
+            killed = supervisor.stop(idle=True)
             gc.enable()
             if killed:
                 display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")

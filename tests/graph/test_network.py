@@ -4,6 +4,8 @@ import contextlib
 import json
 import os
 import re
+import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -13,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from domains import own_domain
-from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, run_sweep, sweeping, verified
+from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, bow, run_sweep, sweeping, verified
 from machines import ADDRESSES, FAR, NEAR, Machines, machines
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
@@ -140,6 +142,44 @@ def test_the_work_of_a_machine_that_is_cut_off_goes_to_the_others(two: Machines,
         assert sweep.wait() == 0, sweep.text
     verified(run)
     assert_same_map(alone, run)
+
+
+def test_a_station_of_another_machine_keeps_its_waveforms_and_loses_its_work_when_it_is_cut_off(
+    two: Machines, alone: Path, tmp_path: Path
+) -> None:
+    run, out, log = tmp_path / "run", tmp_path / "far", tmp_path / "far.log"
+    arguments = [*LONG, "--simulators", "1", "--network", "SUBNET", "--out", str(run)]
+    with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep:
+        sweep.wait_until(lambda: "of their own: " in sweep.text)
+        line = re.search("of their own: (.*)", sweep.text)
+        assert line
+        words = f"exec env {line[1].replace('NAME', 'lab')} --network SUBNET --simulators 1 --out {out}"
+        with open(log, "wb") as output:
+            far = subprocess.Popen(two.command(FAR, "sh", "-c", words), stdout=output, stderr=output)
+        try:
+            sweep.wait_until(lambda: '"station": "lab"' in "".join(done_entries(run)))
+            assert far.poll() is None, log.read_text()
+            two.run(FAR, "ip", "link", "set", "cable1", "down")
+            assert sweep.wait() == 0, sweep.text
+        finally:
+            far.send_signal(signal.SIGINT)
+            assert far.wait(PATIENCE_S) == 130, log.read_text()
+    report = verified(run)
+    assert_same_map(alone, run)
+    there = [json.loads(line)["block"] for line in done_entries(run) if '"station": "lab"' in line]
+    assert report["unseen"].keys() == {"lab"}
+    assert len(report["unseen"]["lab"]) == len(set(there))
+    shutil.copytree(next(out.glob("*/bag/lab")), run / "bag" / "lab")
+    assert bow("recover", str(run)).returncode == 0  # without the others a recorder may not end in time
+    report = verified(run)
+    assert report["unseen"] == {}
+    assert report["verdicts_equal"] == report["chunks_planned"]
+
+
+def done_entries(run: Path) -> list[str]:
+    """Return the lines of a ledger about blocks that are done."""
+    ledger = run / "ledger.jsonl"
+    return [line for line in ledger.read_text().splitlines() if '"done"' in line] if ledger.exists() else []
 
 
 def test_nobody_else_hears_or_reaches_a_sweep_unless_asked(two: Machines, tmp_path: Path) -> None:
