@@ -126,6 +126,7 @@ def test_interrupted_while_a_string_plays_it_leaves_a_closed_bag(
     nodes["classifier"].send_signal(signal.SIGINT)  # Ctrl-C
     assert nodes["classifier"].wait(PATIENCE_S) == 0
     assert nodes["sensor"].poll() is None
+    nodes["sensor"].kill()
     until_it_says(nodes["recorder"], "closes", said["recorder"])
     nodes["recorder"].send_signal(signal.SIGINT)
     assert nodes["recorder"].wait(PATIENCE_S) == 0
