@@ -382,4 +382,5 @@ def test_maps_of_many_cells_go_out_less_often(monkeypatch: pytest.MonkeyPatch) -
     assert maps(0, 1.0) == [sizes[0]]
     assert maps(1, 3.9) == []
     assert maps(2, 4.0) == [sum(sizes)], "the one that was left out is in the next"
+    world.session.close()
     shutil.rmtree(world.directory)
