@@ -1,10 +1,11 @@
-"""Kernel, peaks, peers, graph and memory in one run: ``make bench``, or ``python -m bench``.
+"""Kernel, peaks, peers, classifier, graph and memory in one run: ``make bench``, or ``python -m bench``.
 
 Progress goes to stderr; to stdout go one table and then one JSON, or with --json the JSON into a file. It takes about
 four minutes on two cores; --large adds two, --quick takes one. Leave the machine alone meanwhile. Exit status 1 where a
 part failed.
 
   python -m bench --json bench.json --page      measure, keep the JSON, write docs/benchmarks.md
+  python -m bench --only coordinator            the coordinator with 1 to 1024 simulators that compute nothing
   python -m bench --from bench.json --page      write docs/benchmarks.md from an earlier run
   python tests/stress/kills.py --kills 200             the long storm of kills: not a part of this
 """
@@ -21,9 +22,11 @@ from typing import Any
 
 from rich.console import Console
 
-from bench import graph, kernel, machine, memory, peak, report, stk
+from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, stk
 
-PARTS = ("kernel", "peak", "stk", "graph", "memory")
+PARTS = ("kernel", "peak", "stk", "classifier", "graph", "memory")
+ON_REQUEST = ("coordinator",)
+"""Parts that are measured only where they are asked for: 1024 simulators take minutes."""
 WIDE = 160
 
 
@@ -36,11 +39,13 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         "kernel": lambda: kernel.measure_all(repeats),
         "peak": lambda: peak.measure(result.get("kernel", {}), repeats),
         "stk": lambda: stk.measure(repeats=repeats),
+        "classifier": lambda: classifier.measure_all(repeats),
         "graph": lambda: graph.measure_all(chosen.quick, chosen.large, chosen.dir),
         "memory": lambda: memory.measure(maps, folder=chosen.dir),
+        "coordinator": lambda: coordinator.measure_all(chosen.quick, chosen.dir),
     }
     began = time.monotonic()
-    for name in PARTS:
+    for name in (*PARTS, *ON_REQUEST):
         if name in chosen.only:
             print(f"bench: {name}, {time.monotonic() - began:.0f} s so far", file=sys.stderr, flush=True)
             try:
@@ -56,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="python -m bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     graph.add_arguments(parser)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, metavar="PART", help=", ".join(PARTS))
+    every = (*PARTS, *ON_REQUEST)
+    what = f"{', '.join(every)} (default: all but the last)"
+    parser.add_argument("--only", nargs="+", choices=every, default=PARTS, metavar="PART", help=what)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the JSON here instead of to stdout")
     parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md")
     parser.add_argument("--from", type=Path, metavar="FILE", dest="source", help="measure nothing: read this JSON")
@@ -71,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(text)
     if chosen.page:
         report.write_page(result)
-    return int(any("failed" in result[name] for name in PARTS if name in result))
+    return int(any("failed" in result[name] for name in (*PARTS, *ON_REQUEST) if name in result))
 
 
 if __name__ == "__main__":

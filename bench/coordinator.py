@@ -36,9 +36,9 @@ from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 from bow_sweep.plan.sweep import Sweep
 
 PRESET = "fig11d"
-SIMULATORS = (1, 8, 64, 1024)
+SIMULATORS = (1, 8, 64, 256, 1024)
 QUICK = (1, 64)
-PLANES = {1: (256, 128), 8: (256, 256), 64: (512, 256), 1024: (1024, 512)}
+PLANES = {1: (256, 128), 8: (256, 256), 64: (512, 256), 256: (512, 512), 1024: (1024, 512)}
 """Simulators -> the plane, width and height: two blocks of 512 cells for each of them at least, one at 1024."""
 
 CHUNKS_A_RECEIPT = 3

@@ -11,9 +11,12 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from bench.classifier import FIRST
 from bench.machine import line
 from tools.doc_page import put
 
+BASELINE = Path(__file__).parent / "baseline.json"
+"""Figures of an earlier state of the program, and where they were measured."""
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks.md"
 HEAD = """# Benchmarks
 
@@ -22,13 +25,16 @@ graph adds. `make bench ARGS="--json bench.json --page"` measures and writes thi
 """
 MEANING = {
     "kernel": "A cell-step is one sample of one cell, everything included. One core; the plain loop is one cell at a "
-    "time, by Numba, of the same physics and with the same results to the last bit.",
+    "time, by Numba, of the same physics and with the same results to the last bit. An earlier state of the kernel "
+    "stands beside it; as it was measured on another day, compare how many times faster than the plain loop each is.",
     "peak of one core": "Chains of one operation on eight lanes, in registers. Kernel and plain loop never fuse a "
     "multiplication with an addition, so that every machine rounds alike.",
     "kernel against the peak": "Bound: if all multiplications, additions and roots of a cell-step overlapped, and "
     "nothing else cost anything.",
     "other software": "STK's is another model (no torsion, no stiffness, no hysteresis, but body filters): a "
     "yardstick, not a peer.",
+    "classifier": "A cell-sample is one sample of one cell, all tests and the verdict included. CPU time of one core, "
+    "over the chunks of a block of figure 11(d).",
     "graph": "`bow sweep fig11d` as a user starts it, dashboard file and all, against the bare kernel in as many "
     "processes, which keeps nothing. RSS counts shared pages in each process, PSS shares them out. A standing "
     "graph has its nodes started before, and gets one goal after the other, the bare kernel a map of its own before "
@@ -37,6 +43,43 @@ MEANING = {
     "process.",
 }
 """What a section's figures mean."""
+
+
+EARLIER = "d42a378"
+"""A commit whose figures are shown beside those of now."""
+
+
+class Earlier(NamedTuple):
+    """The graph of `EARLIER` with two simulators, on two cores of an AMD EPYC (family 25, model 17).
+
+    Attributes
+    ----------
+    wall_s, cpu_s
+        Of `bow sweep fig11d`.
+    cpu
+        The CPU time over that of the bare kernel.
+    standing
+        Wall time from the first block sent to the last one done over that of the bare kernel; the graph stands.
+    """
+
+    wall_s: float
+    cpu_s: float
+    cpu: float
+    standing: float
+
+
+GRAPH_EARLIER = {
+    (128, 64): Earlier(3.79, 5.84, 8.1, 2.89),
+    (256, 128): Earlier(9.18, 16.18, 6.1, 3.94),
+    (512, 256): Earlier(33.55, 59.72, 5.5, 4.09),
+}
+"""Of maps with so many columns and rows."""
+
+CHUNK_CELLS = 512
+"""Costs a chunk are for so many cells: 1.42 MB of bridge force."""
+
+TESTS = 20
+"""Chunks of a block of the preset that is measured."""
 
 
 class Row(NamedTuple):
@@ -51,7 +94,9 @@ class Row(NamedTuple):
 def rows(result: Mapping[str, Any]) -> list[Row]:
     """Return a whole result, or as much as there is of one, as rows."""
     parts: dict[str, Callable[[Any], Iterator[Row]]]
-    parts = {"kernel": _kernel, "peak": _peak, "stk": _stk, "graph": _graph, "memory": _memory}
+    parts = {"kernel": _kernel, "peak": _peak, "stk": _stk}
+    parts |= {"classifier": _classifier, "graph": _graph, "memory": _memory}
+    parts["coordinator"] = _coordinator
     found: list[Row] = []
     for name, make in parts.items():
         part = result.get(name, {})
@@ -60,9 +105,15 @@ def rows(result: Mapping[str, Any]) -> list[Row]:
 
 
 def _kernel(cases: Mapping[str, Mapping[str, float]]) -> Iterator[Row]:
+    earlier = read(BASELINE)["kernel"]
     for name, case in cases.items():
         beside = f"plain loop {case['plain_ns']:.1f} ns: {case['ratio']:.1f} times" if "plain_ns" in case else ""
         beside = f"{case['over_plain']:.2f} times delta/Cremer without it" if "over_plain" in case else beside
+        if name in earlier["cases"]:
+            then = earlier["cases"][name]
+            beside += "; " if beside else ""
+            beside += f"{earlier['commit']} on {earlier['machine']}: {then['ns']:.2f} ns"
+            beside += f", {then['plain_ns'] / then['ns']:.1f} times the plain loop's" if "plain_ns" in then else ""
         cells = "" if case["cells"] == 128 else f", {case['cells']:.0f} cell"
         yield Row("kernel", name.removesuffix(", one cell") + cells, f"{case['ns']:.2f} ns a cell-step", beside)
 
@@ -72,10 +123,10 @@ def _peak(peak: Mapping[str, Any]) -> Iterator[Row]:
         for name, rate in rates.items():
             yield Row("peak of one core", f"{name}, {dtype}", f"{rate:.1f} a ns")
     for name, one in peak["kernels"].items():
-        value = f"{one['of_fma_peak']:.0%} of fused peak, {one['of_sqrt_peak']:.0%} of sqrt peak"
         counts = f"{one['multiply']} multiplications, {one['add']} additions, {one['sqrt']} root"
-        beside = f"{counts}; bound {one['bound_ns']:.2f} ns, {one['of_bound']:.0%} of it reached"
-        yield Row("kernel against the peak", name, value, beside)
+        peaks = f"{one['of_fma_peak']:.0%} of fused peak, {one['of_sqrt_peak']:.0%} of sqrt peak"
+        share = f"share of the arithmetic bound {one['of_bound']:.0%}"
+        yield Row("kernel against the peak", name, share, f"bound {one['bound_ns']:.2f} ns: {counts}; {peaks}")
 
 
 def _stk(stk: Mapping[str, Any]) -> Iterator[Row]:
@@ -83,6 +134,12 @@ def _stk(stk: Mapping[str, Any]) -> Iterator[Row]:
         yield Row("other software", "STK Bowed, float64", "left out", stk["skipped"])
     else:
         yield Row("other software", "STK Bowed, float64", f"{stk['ns_per_tick']:.1f} ns a tick", stk["flags"])
+
+
+def _classifier(cases: Mapping[str, Mapping[str, float]]) -> Iterator[Row]:
+    for name, case in cases.items():
+        beside = f"in the first chunk {case['first_chunk_ns']:.2f} ns; {FIRST[name]}"
+        yield Row("classifier", name, f"{case['ns']:.2f} ns a cell-sample", beside)
 
 
 def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
@@ -102,20 +159,41 @@ def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
         yield Row("graph", "  plan to last block done", f"{graph['plan_to_last_block_s']:.2f} s", phases)
         rate = f"first block sent to last done, {over['blocks']:.1f} times the bare kernel's wall time"
         yield Row("graph", "  throughput", f"{graph['cells_per_s']:,.0f} cells/s", rate)
+        earlier = GRAPH_EARLIER.get((one["width"], one["height"])) if one["simulators"] == 2 else None
         beside = f"bare kernel {bare['cpu_s']:.2f} s: {over['cpu']:.1f} times"
+        if earlier:
+            beside += (
+                f"; at {EARLIER} {earlier.cpu:.1f} times ({earlier.wall_s:.2f} s of wall, {earlier.cpu_s:.2f} of CPU)"
+            )
         yield Row("graph", "  CPU", f"{graph['cpu_s']:.2f} s", beside)
         yield Row("graph", "  peak of all, RSS/PSS", f"{graph['peak_rss_mb']:.0f}/{graph['peak_pss_mb']:.0f} MB")
         kept = one["standing"]
         alone, spread = kept["bare_kernel"], kept["all_over_bare"]
         beside = f"{kept['over_bare']:.2f} times the bare kernel's {alone['wall_s']:.2f} s just before, the median of "
         beside += f"{spread[0]:.2f} ... {spread[-1]:.2f}; goal to result {kept['wall_s']:.2f} s"
+        if earlier:
+            beside += f"; at {EARLIER} {earlier.standing:.2f} times the kernel of then"
         yield Row("graph", "  standing graph: first block sent to last done", f"{kept['blocks_s']:.2f} s", beside)
         beyond = f"{kept['cpu_s'] - alone['cpu_s']:.2f} s beyond the bare kernel: "
         beside = beyond + ", ".join(f"{name} {cpu:.2f}" for name, cpu in kept["processes"].items())
         yield Row("graph", "  standing graph: CPU", f"{kept['cpu_s']:.2f} s", beside)
+        chunks = one["width"] * one["height"] * TESTS / CHUNK_CELLS
+        beside = ", ".join(f"{name} {1e3 * cpu / chunks:.2f}" for name, cpu in kept["processes"].items())
+        yield Row("graph", "  standing graph: CPU a chunk", f"{1e3 * kept['cpu_s'] / chunks:.2f} ms", f"ms: {beside}")
         for process, use in graph["processes"].items():
             memory = f"peak RSS/PSS {use['peak_rss_mb']:.0f}/{use['peak_pss_mb']:.0f} MB"
             yield Row("graph", f"    {process}", f"CPU {use['cpu_s']:.2f} s", memory)
+
+
+def _coordinator(pools: list[dict[str, Any]]) -> Iterator[Row]:
+    for one in pools:
+        name = f"{one['simulators']} simulator{'s'[: one['simulators'] > 1]} that compute nothing"
+        value = f"CPU {one['cpu_ms_a_chunk']:.2f} ms a chunk"
+        beside = (
+            f"{one['chunks_per_s']:,.0f} chunks/s, {one['blocks_per_s']:.0f} blocks/s, {one['busy']:.0%} of a core; "
+        )
+        beside += f"{one['chunk_ms']:.2f} ms without heartbeats, those {one['idle_cpu']:.0%} of a core; "
+        yield Row("coordinator", name, value, f"{beside}{one['rss_mb']:.0f} MB")
 
 
 def _memory(memory: Mapping[str, Any]) -> Iterator[Row]:

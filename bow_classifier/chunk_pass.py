@@ -16,9 +16,10 @@ from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
-from bow_classifier.features.slips import FACTORS, Intervals, SlipState, count_slips, first_discontinuity
-from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_chunk, wolf_workspace
-from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_cell
+from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
+from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_counts, keep_power, wolf_workspace
+from bow_classifier.verdict.confidence import confidence_workspace
+from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_eight
 from bow_classifier.verdict.fingerprint import LEAN, VERSION
 from bow_sim.simd.columns import prefetch
 from bow_sim.simd.jit import njit, part
@@ -26,8 +27,6 @@ from bow_sim.simd.lanes import LANES
 
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
-
-_TALLIES = len(FACTORS)
 
 _LINE = 16
 """Samples of float32 in a cache line."""
@@ -118,8 +117,8 @@ class Result(NamedTuple):
 class _Workspace(NamedTuple):
     """The arrays that a pass works in: records of eight cells, (8, history + samples) float32, and those of its parts.
 
-    `levels` is (8,) float32, `tally` (8,) float32, `slip_tally` (factors,) int64; `onsets` and `stops` of the
-    significant slips of a cell are int64.
+    `levels` and `tally` are (8,) float32, `slip_tally` (8,) float64; `onsets` and `stops` of the significant slips of a
+    cell are int64.
     """
 
     rows: Any
@@ -133,6 +132,7 @@ class _Workspace(NamedTuple):
     long_periods: Any
     ripples: Any
     wolf: Any
+    confidence: Any
 
 
 @part(nogil=True, error_model="numpy")
@@ -141,14 +141,15 @@ def _workspace(samples, history, period, lags, wolf):
         np.zeros((LANES, history + samples), np.float32),
         periodicity_workspace(samples, period, lags.first, lags.last),
         EightMaxima(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
-        np.empty(_TALLIES, np.int64),
+        np.empty(LANES),
         np.empty(samples // 2 + 2, np.int64),
         np.empty(samples // 2 + 2, np.int64),
         np.empty(LANES, np.float32),
         np.empty(LANES, np.float32),
         long_workspace(samples, period, lags.shortest, lags.longest),
         ripple_workspace(history + samples),
-        wolf_workspace(wolf),
+        wolf_workspace(wolf, period),
+        confidence_workspace(),
     )
 
 
@@ -215,7 +216,7 @@ def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, work
     period, samples = int(limits.period), row.shape[0] - start
     beat[i] = transient[i] = np.nan
     if wolf.power.shape[0] > 0:
-        keep_chunk(i, chunk, row, start, period, stops, slips, wolf, workspace)
+        keep_counts(i, chunk, period, stops, slips, wolf)
         if (chunk + 1) * samples >= LEAST * period:
             share, changes, clear = limits.wolf_share, limits.wolf_changes, limits.wolf_beat
             beat[i] = find_beat(i, chunk, wolf, share, changes, clear, longest / period, workspace)
@@ -236,6 +237,8 @@ def _classify_all(state, chunk, setup, result, workspace):
         number = min(LANES, cells - group)  # lanes without a cell compute on old data, which nobody reads
         for lane in range(number):
             _take(group + lane, history, bridge_force, rows[lane])
+        if state.wolf.power.shape[0] > 0:
+            keep_power(group, number, chunk.number, rows, start, period, state.wolf, workspace.wolf)
         correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, maxima)
         for lane in range(number):
             i = group + lane
@@ -254,7 +257,7 @@ def _classify_all(state, chunk, setup, result, workspace):
                 i, chunk.number, rows[lane], start, features.slips[i], limits, lags.longest, state.wolf, state.releases,
                 workspace.wolf, workspace.onsets, workspace.stops, features.beat, features.transient,
             )  # fmt: skip
-            decide_cell(i, features, limits, decision)
+        decide_eight(group, number, features, limits, decision, workspace.confidence)
 
 
 def build(version: int) -> Any:

@@ -14,15 +14,16 @@ import numpy as np
 
 from bow_classifier.features.slips import FACTORS, sureness
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd import lanes
+from bow_sim.simd import columns, lanes
 from bow_sim.simd.jit import part
-from bow_sim.simd.lanes import LANES, choose
+from bow_sim.simd.lanes import LANES, absolute, choose
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
 store: Any = lanes.store
 bits_of: Any = lanes.bits_of
 lowest_bit: Any = lanes.lowest_bit
+flipped: Any = columns.flipped
 
 _BITS = 64
 """Samples whose candidates for a corner are found together, as the bits of one number."""
@@ -51,7 +52,7 @@ def _starts(row, at, delay, lowest, highest):
     """Return, as bits, at which of eight samples y may begin to exceed a level between the two."""
     now = load(row, at) - load(row, at - delay)
     before = load(row, at - 1) - load(row, at - 1 - delay)
-    return bits_of(((now > lowest) & (before <= highest)) | ((now < -lowest) & (before >= -highest)))
+    return bits_of((absolute(now) > lowest) & (flipped(before, now) <= highest))
 
 
 @part(**LEAN)
@@ -81,7 +82,7 @@ def count_corners(row, start, delay, level, gap, levels, tally):
     delay : int
         Ripple period, samples: round trip bow-bridge-bow.
     level : float
-        Threshold of the magnitude of y, units of the bridge force.
+        Threshold of the magnitude of y, units of the bridge force; not negative.
     gap : float
         Samples; two corners further apart belong to different clusters.
     levels, tally : ndarray of float32, shape (8,)
@@ -103,7 +104,8 @@ def count_corners(row, start, delay, level, gap, levels, tally):
             t = begin + lowest_bit(candidates)
             candidates &= candidates - np.uint64(1)
             now, before = row[t] - row[t - delay], row[t - 1] - row[t - 1 - delay]
-            onset = ((high < now) & (high >= before)) | ((high < -now) & (high >= -before))
+            if_up = -before if now < 0.0 else before
+            onset = (high < abs(now)) & (high >= if_up)
             count = count + choose(onset, one, 0.0)
             counts = bits_of(onset) & 1
             clusters += counts & int(t - latest > near)

@@ -10,16 +10,25 @@ the paper describes as closely spaced (section IV.A), are often separate slips.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.verdict.fingerprint import LEAN
+from bow_sim.simd import lanes
 from bow_sim.simd.jit import part
+from bow_sim.simd.lanes import LANES, choose
+
+load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
+spread: Any = lanes.spread
+store: Any = lanes.store
 
 FACTORS = np.array([1.0, 0.8, 0.9, 1.1, 1.2])
 """A threshold is applied with each of these factors; the count is sure if all of them give the same."""
+
+_EIGHT_FACTORS = np.append(FACTORS, np.full(LANES - len(FACTORS), np.inf))
+"""The same in eight lanes; no slip exceeds the last ones."""
 
 _NEVER = np.int64(-(2**62))
 
@@ -108,14 +117,6 @@ def sureness(tally):
 
 
 @part(**LEAN)
-def _count(total, level, tally):
-    """Count a slip that has ended, with every factor of the threshold; return whether it is significant."""
-    for j in range(FACTORS.shape[0]):
-        tally[j] += int(total > FACTORS[j] * level)
-    return total > level
-
-
-@part(**LEAN)
 def first_discontinuity(slipping, state):
     """Return the first cell whose chunk does not begin in the state in which the one before ended; -1 for none."""
     for i in range(slipping.shape[0]):
@@ -143,7 +144,7 @@ def count_slips(i, intervals, samples, level, rise, gap, state, tally, onsets, s
         Samples; two significant slips with a longer stick between them belong to different clusters.
     state : SlipState
         At the end of the chunk before; cell i is changed to the end of this one.
-    tally : ndarray of int64, shape (factors,)
+    tally : ndarray of float64, shape (8,)
         Workspace.
     onsets, stops : ndarray of int64
         Changed in place: first slipping sample of each significant slip, and first sticking one after it, from the
@@ -153,32 +154,37 @@ def count_slips(i, intervals, samples, level, rise, gap, state, tally, onsets, s
     slipping, unfinished, began, ended = state
     continues, total, start, last = slipping[i], unfinished[i], began[i], ended[i]
     begin, end = np.int64(offsets[i]), np.int64(offsets[i + 1])
-    tally[:] = 0
-    clusters, ends = 0, 0
+    factors, one = load(_EIGHT_FACTORS, 0), spread(1.0)
+    count = spread(0.0)
+    number, clusters, ends = 0, 0, 0
     if continues and (begin == end or onset[begin] != 0):  # it ended at the border: sample 0 sticks
         ends += 1
-        if _count(total, level, tally):
+        count = choose(total > factors * level, one, 0.0)
+        if total > level:
             onsets[0], stops[0] = start, 0
             clusters += int(start - last > gap)
-            last = 0
+            number, last = 1, 0
         continues = False
-    for k in range(begin, end):
-        if continues:
-            total += slip[k]
-        else:
-            total, start = slip[k], np.int64(onset[k])
+    for k in range(begin, end):  # no branches, which would often be predicted wrongly
+        total = total + slip[k] if continues else slip[k]
+        start = start if continues else np.int64(onset[k])
         stop = np.int64(onset[k]) + np.int64(duration[k])
         continues = stop == samples
         ends += int(not continues)
-        if not continues and _count(total, level + rise * stop, tally):
-            onsets[tally[0] - 1], stops[tally[0] - 1] = start, stop
-            clusters += int(start - last > gap)
-            last = stop
+        ended_now = -np.inf if continues else total
+        least = level + rise * stop
+        count = count + choose(ended_now > factors * least, one, 0.0)
+        significant = ended_now > least
+        onsets[number], stops[number] = start, stop  # the next one overwrites them if this one does not count
+        number += int(significant)
+        clusters += int(significant & (start - last > gap))
+        last = stop if significant else last
+    store(tally, 0, count)
     slipping[i] = continues
     unfinished[i] = total if continues else 0.0
     began[i] = start - samples if continues else 0
     ended[i] = max(last - samples, _NEVER)
-    return Slips(tally[0], clusters, sureness(tally), ends - tally[0])
+    return Slips(number, clusters, sureness(tally), ends - number)
 
 
 def discontinuity(row: int, slips: bool) -> ValueError:

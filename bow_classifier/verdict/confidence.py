@@ -8,11 +8,19 @@ No coefficient of a margin is negative: the confidence never falls with the dist
 
 from __future__ import annotations
 
+import math
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd.elementary import exp, log
+from bow_sim.simd import lanes
+from bow_sim.simd.elementary import exp_parts, exp_series, log_parts, log_series
 from bow_sim.simd.jit import part
+from bow_sim.simd.lanes import LANES
+
+load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
+store: Any = lanes.store
 
 MARGINS = ("constant", "correlation", "slips", "corners", "slips whole", "corners whole", "loudness")
 """What the columns of `COEFFICIENTS` multiply:
@@ -45,6 +53,29 @@ _FAR = 3.0
 _SMALL = 1e-3
 
 
+class Workspace(NamedTuple):
+    """The arrays that the confidence of eight cells is computed in, float64.
+
+    Attributes
+    ----------
+    exponents, fractions
+        (16,): the ratios whose logarithms are margins, as powers of 2 and what these are multiplied by; then the powers
+        of e, in the same way.
+    logarithms
+        (16,).
+    """
+
+    exponents: Any
+    fractions: Any
+    logarithms: Any
+
+
+@part(nogil=True, error_model="numpy")
+def confidence_workspace():
+    """Return the workspace."""
+    return Workspace(np.ones(2 * LANES), np.ones(2 * LANES), np.ones(2 * LANES))
+
+
 @part(**LEAN)
 def _whole(number):
     """Return how near a number is to a whole one: 1 for a whole one, 0 half way between two."""
@@ -52,41 +83,81 @@ def _whole(number):
 
 
 @part(**LEAN)
-def _log_ratio(a, b):
-    """Return the logarithm of the ratio of two amounts without its sign, at most `_FAR`."""
-    return min(_FAR, abs(log((a + _SMALL) / (b + _SMALL))))
+def _prepare_logarithm(a, b, at, workspace):
+    """Write the ratio of two amounts to place `at` of the workspace."""
+    exponent, fraction = log_parts((a + _SMALL) / (b + _SMALL))
+    workspace.exponents[at], workspace.fractions[at] = exponent, fraction
 
 
 @part(**LEAN)
-def margins(i, features, per_period, limits, out):
-    """Write the margins of cell i to `out`.
+def _distance(logarithm):
+    """Return a logarithm without its sign, at most `_FAR`."""
+    return min(_FAR, abs(logarithm))
+
+
+@part(**LEAN)
+def _correlation(correlation):
+    return min(1.0, max(-1.0, correlation))
+
+
+@part(**LEAN)
+def margins(first, number, features, limits, workspace, out):
+    """Write the margins of eight cells to `out`.
 
     Parameters
     ----------
-    i : int
-        The cell.
+    first, number : int
+        The first of the cells, and how many they are.
     features : Features
-    per_period : float
-        Turns a count in the window into a count a period.
     limits : Limits
-    out : ndarray of float64, shape (margins,)
+    workspace : Workspace
+    out : ndarray of float64, shape (cells, margins)
         In the order of `MARGINS`.
     """
-    correlation = features.correlation[i]
-    r = min(1.0, max(-1.0, correlation))
-    out[0] = 1.0
-    out[1] = _log_ratio(1.0 - r, 1.0 - limits.correlation) if abs(correlation) <= 2.0 else _FAR  # NaN: no maximum
-    out[2] = features.sure_slips[i]
-    out[3] = features.sure_corners[i]
-    out[4] = _whole(features.slips[i] * per_period)
-    out[5] = _whole(features.corners[i] * per_period)
-    out[6] = _log_ratio(features.loudness[i], limits.silence)
+    exponents, fractions, logarithms = workspace
+    for lane in range(number):
+        r = _correlation(features.correlation[first + lane])
+        _prepare_logarithm(1.0 - r, 1.0 - limits.correlation, lane, workspace)
+        _prepare_logarithm(features.loudness[first + lane], limits.silence, LANES + lane, workspace)
+    for at in (0, LANES):
+        store(logarithms, at, log_series(load(exponents, at), load(fractions, at)))
+    for lane in range(number):
+        i = first + lane
+        correlation = features.correlation[i]
+        if correlation > limits.correlation:
+            per_period = features.period[i] / (limits.periods * limits.period)
+        else:
+            per_period = 1.0 / limits.periods
+        row = out[i]
+        row[0] = 1.0
+        row[1] = _distance(logarithms[lane]) if abs(correlation) <= 2.0 else _FAR  # NaN: no maximum
+        row[2] = features.sure_slips[i]
+        row[3] = features.sure_corners[i]
+        row[4] = _whole(features.slips[i] * per_period)
+        row[5] = _whole(features.corners[i] * per_period)
+        row[6] = _distance(logarithms[LANES + lane])
 
 
 @part(**LEAN)
-def probability(coefficients, row):
-    """Return the logistic function of the weighted margins, 0 ... 1; both arguments are (margins,)."""
-    total = 0.0
-    for k in range(row.shape[0]):
-        total += coefficients[k] * row[k]
-    return 1.0 / (1.0 + exp(-total))
+def probabilities(first, number, regime, rows, workspace, out):
+    """Write the logistic function of the weighted margins of eight cells, 0 ... 1, to `out`.
+
+    Parameters
+    ----------
+    first, number : int
+        The first of the cells, and how many they are.
+    regime : ndarray of uint8, shape (cells,)
+    rows : ndarray of float64, shape (cells, margins)
+    workspace : Workspace
+    out : ndarray of float32, shape (cells,)
+    """
+    exponents, fractions = workspace.exponents, workspace.fractions
+    for lane in range(number):
+        coefficients, row = COEFFICIENTS[regime[first + lane]], rows[first + lane]
+        total = 0.0
+        for k in range(row.shape[0]):
+            total += coefficients[k] * row[k]
+        exponents[lane], fractions[lane] = exp_parts(-total)
+    store(fractions, 0, exp_series(load(fractions, 0)))
+    for lane in range(number):
+        out[first + lane] = 1.0 / (1.0 + math.ldexp(fractions[lane], int(exponents[lane])))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_classifier.verdict.confidence import COEFFICIENTS, margins, probability
+from bow_classifier.verdict.confidence import COEFFICIENTS, margins, probabilities
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_classifier.verdict.regimes import (
     ANOMALOUS_LOW_FREQUENCY,
@@ -217,30 +217,29 @@ def _regime(i, features, limits):
 
 
 @part(**LEAN)
-def decide_cell(i, features, limits, decision):
-    """Write regime, confidence and margins of cell i to `decision`.
+def decide_eight(first, number, features, limits, decision, workspace):
+    """Write regime, confidence and margins of eight cells to `decision`.
 
     Parameters
     ----------
-    i : int
-        The cell.
+    first, number : int
+        The first of the cells, and how many they are.
     features : Features
     limits : Limits
     decision : Decision
         Changed in place.
+    workspace : Workspace
+        Of `bow_classifier.verdict.confidence`.
     """
-    regime, confidence, out = decision
-    regime[i] = _regime(i, features, limits)
-    if not features.loudness[i] >= 0.0:  # NaN: some samples were not finite
-        out[i] = 0.0
-        confidence[i] = 0.0
-        return
-    if features.correlation[i] > limits.correlation:
-        per_period = features.period[i] / (limits.periods * limits.period)
-    else:
-        per_period = 1.0 / limits.periods
-    margins(i, features, per_period, limits, out[i])
-    confidence[i] = probability(COEFFICIENTS[regime[i]], out[i])
+    regime, confidence, rows = decision
+    for i in range(first, first + number):
+        regime[i] = _regime(i, features, limits)
+    margins(first, number, features, limits, workspace, rows)
+    probabilities(first, number, regime, rows, workspace, confidence)
+    for i in range(first, first + number):
+        if not features.loudness[i] >= 0.0:  # NaN: some samples were not finite
+            rows[i] = 0.0
+            confidence[i] = 0.0
 
 
 def history(passed: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.uint16]]:

@@ -51,8 +51,12 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 LATCHED_DEEP = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
-"""Subscribers of plan and health: history depth is shared by all publishers; 100 keeps one from evicting another's
-message."""
+"""Subscribers of plan: history depth is shared by all publishers; 100 keeps one from evicting another's message."""
+
+HEARTBEATS = QoSProfile(depth=4096, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Subscribers of health: as LATCHED_DEEP, for as many nodes as a coordinator knows. With less, a coordinator that has
+no processor for a moment misses heartbeats of a thousand simulators, and takes those for dead that it misses for long.
+"""
 
 WORK = QoSProfile(depth=512, reliability=ReliabilityPolicy.RELIABLE)
 """blocks: two for each of 64 simulators, four times over; a block that is lost is sent again."""
@@ -134,7 +138,7 @@ class BowNode(Node):
         self._said = ""
         self._run_log = RunLog(self.says_ends)
         self._health_publisher = self.create_publisher(Health, self.topic("health"), LATCHED)
-        self.create_subscription(Health, self.topic("health"), self._take_health, LATCHED_DEEP)
+        self.create_subscription(Health, self.topic("health"), self._take_health, HEARTBEATS)
         self.every(CHECK_S, self._publish_health_when_due)
         self.publish_health()
 

@@ -1,7 +1,9 @@
 """The time loop: parameters of a block of cells in, bridge force and stick/slip out.
 
 block        blocks of cells, computed five periods at a time
-time_loop    the compiled loop over samples
+time_loop    the compiled loop over samples, eight cells at a time
+few_cells    the compiled loop for a few cells, and eight steps of each at a time
+ahead        few cells, some chunks at a time
 body         modes of the body at the bridge, for the loop
 hair         the bow hair, for the loop
 arguments    its arguments: named tuples of arrays

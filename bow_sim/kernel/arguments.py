@@ -23,6 +23,8 @@ class Tail(NamedTuple):
         The lag at which the tail begins, samples; with ``taps``, the lag of the first of them.
     taps : None, or ndarray, shape (groups, taps, 8)
         Selects each lane's own lag: 1 at that lag, 0 at the others; or interpolates between lags.
+    used : ndarray of bool, shape (groups,)
+        False where all lanes have a gain of 0.
     """
 
     gain: Any
@@ -30,6 +32,7 @@ class Tail(NamedTuple):
     state: Any
     last: Any
     taps: Any
+    used: Any
 
 
 class Body(NamedTuple):
@@ -95,7 +98,7 @@ class Side(NamedTuple):
     Parameters
     ----------
     taps : tuple of float, or ndarray, shape (groups, taps, 8)
-        Coefficients, that of the greatest lag first: common to all cells, or each cell's own.
+        Coefficients, that of the greatest lag first: common to all cells, or each cell's own, then an even number.
     last : ndarray, shape (groups,)
         The greatest lag of the taps, samples.
     ahead : ndarray, shape (groups,)

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_sim.kernel import time_loop
+from bow_sim.kernel import few_cells, time_loop
+from bow_sim.kernel.ahead import Ahead, chunks_ahead, side_of
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.sources import source_hash
 from bow_sim.physics import exact, friction, gesture
@@ -34,7 +35,8 @@ TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
 BODY_TRACES, THERMAL_TRACES = ("bridge_velocity", "bridge_force_real"), ("temperature",)
 """What follows where there are modes of a body, and with thermal friction."""
 
-_advance = time_loop.build(int(source_hash()[:15], 16))
+_VERSION = int(source_hash()[:15], 16)
+_advance, _advance_few = time_loop.build(_VERSION), few_cells.build(_VERSION)
 
 
 class ChunkResult(NamedTuple):
@@ -99,6 +101,7 @@ class Block:
         samples, width = parameters.chunk_samples, self._groups * LANES
 
         functions = [[getattr(e, side) for e in described.ends] for side in SIDES]
+        self._few = described.count <= few_cells.FEW and self._dtype == np.float64 and self._kernel is _advance
         self._own_tables = bool({"tau_f", "tau_v", "acceleration"} & described.lanes.keys())
         self._general = (
             trace
@@ -106,7 +109,7 @@ class Block:
             or len(described.ends) > 1
             or tuple(len(same[0].taps) for same in functions) not in STANDARD
         )
-        make = self._general_side if self._general else self._standard_side
+        make = self._few_side if self._few else self._general_side if self._general else self._standard_side
         self.admittance = y = described.bow_admittance()
         bridge, nut, torsion_bridge, torsion_nut = (make(same) for same in functions)
         self._string = String(
@@ -122,6 +125,18 @@ class Block:
         self._levels = self._lanes_of(
             gesture.levels(parameters.gesture, *(described.value(name) for name in ("f_asym", "f_init_ratio", "v_b")))
         )
+        self.trace_names = (
+            TRACES
+            + BODY_TRACES * (self._string.bridge.body is not None)
+            + THERMAL_TRACES * (parameters.friction == "thermal")
+        )
+        waveforms = len(self.trace_names)
+        self._ahead: Ahead | None = None
+        if self._few:
+            levels, size = self._levels._asdict(), (described.count, samples, parameters.chunks)
+            self._ahead = Ahead(_advance_few, self._string, levels, self._shapes_ahead, *size, waveforms, trace)
+            self.traces: NDArray[Any] | None = self._ahead.traces
+            return
         self._state = State(
             slipping=np.zeros(self._groups, np.uint8), totals=aligned((time_loop.STRIDE + 1, LANES), self._dtype)
         )
@@ -132,13 +147,7 @@ class Block:
             np.empty((width, most), np.uint32),
             np.empty((width, most), np.float64),
         )
-        self.trace_names = (
-            TRACES
-            + BODY_TRACES * (self._string.bridge.body is not None)
-            + THERMAL_TRACES * (parameters.friction == "thermal")
-        )
-        size = (len(self.trace_names), samples, width)
-        self.traces: NDArray[Any] | None = aligned(size, self._dtype) if trace else None
+        self.traces = aligned((waveforms, samples, width), self._dtype) if trace else None
 
     def advance(self) -> ChunkResult:
         """Compute the next five periods.
@@ -148,6 +157,11 @@ class Block:
         ChunkResult
             New arrays, which later calls do not change.
         """
+        if self._ahead is not None:
+            result = ChunkResult(*self._ahead.chunk(self.chunk))
+            self.traces = self._ahead.traces
+            self.chunk += 1
+            return result
         samples = self.parameters.chunk_samples
         start = self.chunk * samples
         force, speed = self._tables(start, samples)
@@ -173,7 +187,8 @@ class Block:
             Of arrays, numbers, None and such tuples.
         """
         tables = self._tables(0, self.parameters.chunk_samples)
-        return self._string, self._levels, self._state, self.admittance, *tables
+        state = self._state if self._ahead is None else self._ahead.slipping
+        return self._string, self._levels, state, self.admittance, *tables
 
     def _make_law(self, described: Cells) -> Any:
         """Return the friction law, a named tuple of arrays over cells."""
@@ -223,12 +238,22 @@ class Block:
             velocity=aligned((time_loop.STRIDE, LANES), self._dtype),
         )
 
-    def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the gesture's shapes in this chunk: (samples,), or each lane's own, (groups, samples, 8)."""
+    def _shapes(self, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the gesture's shapes in some samples: (samples,), or each cell's own, (cells, samples)."""
         if self._own_tables:
-            force, speed = gesture.shapes_of_cells(self._cells, start, samples)
-        else:
-            force, speed = gesture.shapes(self.parameters, start, samples)
+            return gesture.shapes_of_cells(self._cells, start, samples)
+        return gesture.shapes(self.parameters, start, samples)
+
+    def _shapes_ahead(self, start: int, samples: int, chunks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return these of some chunks: (1, samples), or (cells, samples)."""
+        if not self._own_tables:
+            return gesture.shapes_of_chunks(self.parameters, start, samples, chunks)
+        each = [self._shapes(start + n * samples, samples) for n in range(chunks)]
+        return np.concatenate([f for f, _ in each], axis=1), np.concatenate([v for _, v in each], axis=1)
+
+    def _tables(self, start: int, samples: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return these as the kernel needs them: (samples,), or each lane's own, (groups, samples, 8)."""
+        force, speed = self._shapes(start, samples)
         return self._table(force), self._table(speed)
 
     def _table(self, shape: NDArray[np.float64]) -> NDArray[Any]:
@@ -276,7 +301,8 @@ class Block:
         if r.tail:
             one = np.ones(self._count)
             gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
-            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None)
+            used = np.full(self._groups, True)
+            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, used)
         return Side(
             taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
             last=np.full(self._groups, r.first + len(r.taps) - 1),
@@ -290,23 +316,32 @@ class Block:
         """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
-        taps, last = self._windows([(r.first, r.taps) for r in each])
+        taps, last = self._windows([(r.first, r.taps) for r in each], even=True)
         tails, tail_last = self._windows([(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each])
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
+        used = gain.reshape(-1, LANES).any(axis=1)
         return Side(
             taps=taps,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
-            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails),
+            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, used),
             body=None,
             **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
         )
 
-    def _windows(self, functions: list[tuple[int, tuple[float, ...]]]) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    def _few_side(self, same: list[Reflection]) -> few_cells.Side:
+        """Make a side for cells that are computed one by one."""
+        samples = self.parameters.chunk_samples
+        return side_of(same * self._count if len(same) == 1 else same, chunks_ahead(self._count, samples) * samples)
+
+    def _windows(
+        self, functions: list[tuple[int, tuple[float, ...]]], even: bool = False
+    ) -> tuple[NDArray[Any], NDArray[np.int64]]:
         """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8), and each group's greatest lag."""
         first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
         last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
         size = int((last - first.min(axis=1)).max()) + 1
+        size += even and size % 2
         table: NDArray[Any] = aligned((self._groups, size, LANES), self._dtype)
         for i, (lag, taps) in enumerate(functions):
             group, lane = divmod(i, LANES)

@@ -1,4 +1,4 @@
-"""The bow hair, for the time loop: compiled code only (PHYSICS.md section 12)."""
+"""The bow hair, for the time loops: compiled code only (PHYSICS.md section 12); for lanes, or a number and its cell."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 from numba import types
 
 from bow_sim.simd.jit import OVERLOAD, overload
-from bow_sim.simd.lanes import load, store
+from bow_sim.simd.lanes import read, write
 
 
 def with_hair(hair: Any, base: Any, v_b: Any) -> Any:
@@ -19,7 +19,7 @@ def with_hair(hair: Any, base: Any, v_b: Any) -> Any:
 def _overload_with_hair(hair: Any, base: Any, v_b: Any) -> Any:
     if isinstance(hair, types.NoneType):
         return lambda hair, base, v_b: v_b
-    return lambda hair, base, v_b: v_b + load(hair.state, base)
+    return lambda hair, base, v_b: v_b + read(hair.state, base, v_b)
 
 
 def pull_hair(hair: Any, base: Any, push: Any, v_h: Any, v: Any) -> Any:
@@ -33,8 +33,8 @@ def _overload_pull_hair(hair: Any, base: Any, push: Any, v_h: Any, v: Any) -> An
         return lambda hair, base, push, v_h, v: v
 
     def pull(hair: Any, base: Any, push: Any, v_h: Any, v: Any) -> Any:
-        end = load(hair.share, base) * push  # where the velocity tends to under a constant force
-        store(hair.state, base, end + (load(hair.state, base) - end) * load(hair.decay, base))
-        return v_h + load(hair.string, base) * push
+        end = read(hair.share, base, push) * push  # where the velocity tends to under a constant force
+        write(hair.state, base, end + (read(hair.state, base, push) - end) * read(hair.decay, base, push))
+        return v_h + read(hair.string, base, push) * push
 
     return pull

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from bow_sim.kernel.block import Block, transient
 from bow_sim.kernel.sources import source_hash
 from bow_sim.physics.parameters import CHUNK_PERIODS, DTYPES, Parameters
+from bow_sim.simd.lanes import LANES
 
 
 def precompile(dtype: str) -> None:
@@ -26,11 +27,11 @@ def precompile(dtype: str) -> None:
     stiff = delta.replace(model="stiff_cremer")
     raman = delta.replace(model="raman")
     jobs = (
-        ("delta/Cremer", lambda: Block(delta, {"f_asym": [delta.f_asym]}).advance()),
-        ("stiff/Cremer", lambda: Block(stiff, {"f_asym": [stiff.f_asym]}).advance()),
-        ("any other model", lambda: Block(raman, {"f_asym": [raman.f_asym]}).advance()),
-        ("any model, time constants that differ", lambda: Block(raman, {"tau_f": [raman.tau_f]}).advance()),
-        ("transients", lambda: transient(delta)),
+        ("delta/Cremer", lambda: Block(delta, {"f_asym": [delta.f_asym] * LANES}).advance()),
+        ("stiff/Cremer", lambda: Block(stiff, {"f_asym": [stiff.f_asym] * LANES}).advance()),
+        ("any other model", lambda: Block(raman, {"f_asym": [raman.f_asym] * LANES}).advance()),
+        ("any model, time constants that differ", lambda: Block(raman, {"tau_f": [raman.tau_f] * LANES}).advance()),
+        ("transients, few cells", lambda: transient(delta)),
     )
     for name, job in jobs:
         started = time.perf_counter()

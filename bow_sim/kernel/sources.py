@@ -16,6 +16,8 @@ SOURCES = (
     "kernel/body",
     "kernel/hair",
     "kernel/time_loop",
+    "kernel/few_cells",
+    "kernel/ahead",
     "simd/rows",
     "simd/lanes",
     "simd/jit",

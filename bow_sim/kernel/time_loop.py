@@ -23,12 +23,13 @@ from bow_sim.kernel.hair import pull_hair, with_hair
 from bow_sim.physics.friction import solve, state_of
 from bow_sim.simd.jit import INLINE, OVERLOAD, njit, overload, part
 from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, signs_of, spread, store
-from bow_sim.simd.rows import fir_of, transpose
+from bow_sim.simd.rows import fir_each_of, fir_of, transpose
 
 STRIDE = 64 // LANES
 """Steps computed together: the states of eight lanes in these steps are the 64 bits of a number."""
 
 _fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
+_fir_each1, _fir_each4, _fir_each8 = fir_each_of(1), fir_each_of(4), fir_each_of(8)
 
 
 def _convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
@@ -53,35 +54,19 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
 
         return common
 
-    nothing = getattr(np, str(taps.dtype))(0)
-
     def each(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
         count = taps.shape[1]
         base = group * count * LANES
-        r = 0
-        while r + 4 <= n:  # four steps at a time, to read each tap once
-            a = b = c = d = spread(nothing)
-            j = i + r * LANES
-            for k in range(count):
-                tap = load(taps, base + k * LANES)
-                a = a + tap * load(x, j)
-                b = b + tap * load(x, j + LANES)
-                c = c + tap * load(x, j + 2 * LANES)
-                d = d + tap * load(x, j + 3 * LANES)
-                j += LANES
-            store(out, (u + r) * LANES, a)
-            store(out, (u + r + 1) * LANES, b)
-            store(out, (u + r + 2) * LANES, c)
-            store(out, (u + r + 3) * LANES, d)
-            r += 4
-        while r < n:
-            a = spread(nothing)
-            j = i + r * LANES
-            for k in range(count):
-                a = a + load(taps, base + k * LANES) * load(x, j)
-                j += LANES
-            store(out, (u + r) * LANES, a)
-            r += 1
+        if n == STRIDE:
+            _fir_each8(taps, base, count, x, i, out, u * LANES)
+        else:
+            r = 0
+            while r + 4 <= n:
+                _fir_each4(taps, base, count, x, i + r * LANES, out, (u + r) * LANES)
+                r += 4
+            while r < n:
+                _fir_each1(taps, base, count, x, i + r * LANES, out, (u + r) * LANES)
+                r += 1
 
     return each
 
@@ -123,6 +108,8 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: A
         return lambda side, tail, group, start, position, u, n: None
 
     def add(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> None:
+        if not tail.used[group]:
+            return
         z = load(tail.state, group * LANES)
         pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
         for r in range(n):
@@ -320,7 +307,7 @@ def build(version: int) -> Any:
                     states |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
                     v = pull_hair(hair, base, push, v_h, v_b - s)
                     waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
-                    waves = waves + of_body(bridge.body, u) + state_of(law, base)
+                    waves = waves + of_body(bridge.body, u * LANES, push) + state_of(law, base, push)
                     _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
                 row = group * (bridge.length + bridge.guard) + first
                 _write(bridge.ring, row * LANES, steps, bridge_force, base, t0)

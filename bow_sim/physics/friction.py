@@ -25,7 +25,7 @@ from bow_sim.physics.cells import Cells
 from bow_sim.physics.friction_curve import Points, parse
 from bow_sim.physics.thermal import Thermal, thermal
 from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
-from bow_sim.simd.lanes import absolute, choose, load, negative, not_negative, root, store
+from bow_sim.simd.lanes import absolute, choose, negative, not_negative, read, root, write
 
 
 class Hyperbola(NamedTuple):
@@ -170,7 +170,7 @@ def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> An
     if getattr(law, "instance_class", None) is not Hyperbola:
         return None
     return lambda law, lane, d, f_b, slipping: _hyperbola(
-        load(law.a, lane), load(law.limit, lane), load(law.slide, lane), d, f_b, slipping
+        read(law.a, lane, d), read(law.limit, lane, d), read(law.slide, lane, d), d, f_b, slipping
     )
 
 
@@ -178,7 +178,7 @@ def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> An
 def _solve_coulomb(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Coulomb:
         return None
-    return lambda law, lane, d, f_b, slipping: _coulomb(load(law.limit, lane), load(law.slide, lane), d, f_b)
+    return lambda law, lane, d, f_b, slipping: _coulomb(read(law.limit, lane, d), read(law.slide, lane, d), d, f_b)
 
 
 @overload(solve, strict=False, jit_options=OVERLOAD)
@@ -188,19 +188,19 @@ def _solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
 
     def solve_thermal(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
         values = (
-            load(law.y, lane),
-            load(law.mu_s, lane),
-            load(law.share, lane),
-            load(law.t_g, lane),
-            load(law.speed, lane),
-            load(law.load, lane),
-            load(law.step, lane),
-            load(law.flow, lane),
-            load(law.rest, lane),
-            load(law.temperature, lane),
+            read(law.y, lane, d),
+            read(law.mu_s, lane, d),
+            read(law.share, lane, d),
+            read(law.t_g, lane, d),
+            read(law.speed, lane, d),
+            read(law.load, lane, d),
+            read(law.step, lane, d),
+            read(law.flow, lane, d),
+            read(law.rest, lane, d),
+            read(law.temperature, lane, d),
         )
         s, slips, after = _thermal(values, d, f_b)
-        store(law.temperature, lane, after)
+        write(law.temperature, lane, after)
         return s, slips
 
     return solve_thermal
@@ -211,20 +211,20 @@ def _solve_curve(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Curve:
         return None
     return lambda law, lane, d, f_b, slipping: _curve(
-        load(law.load, lane), load(law.speed, lane), load(law.unit, lane), law.points, d, f_b, slipping
+        read(law.load, lane, d), read(law.speed, lane, d), read(law.unit, lane, d), law.points, d, f_b, slipping
     )
 
 
-def state_of(law: Any, lane: int) -> tuple[Any, ...]:
-    """Return the internal state of a law as waveforms of a step, a tuple of lanes; in compiled code only."""
+def state_of(law: Any, lane: int, like: Any) -> tuple[Any, ...]:
+    """Return the internal state of a law as waveforms of a step, a tuple of lanes or numbers; compiled code only."""
     raise NotImplementedError
 
 
 @overload(state_of, strict=False, jit_options=OVERLOAD)
-def _overload_state_of(law: Any, lane: Any) -> Any:
+def _overload_state_of(law: Any, lane: Any, like: Any) -> Any:
     if getattr(law, "instance_class", None) is Thermal:
-        return lambda law, lane: (load(law.temperature, lane),)
-    return lambda law, lane: ()
+        return lambda law, lane, like: (read(law.temperature, lane, like),)
+    return lambda law, lane, like: ()
 
 
 def hyperbola_of(cells: Cells) -> Hyperbola:

@@ -92,6 +92,18 @@ def shapes(p: Parameters, start: int, samples: int) -> tuple[NDArray[np.float64]
     return _shapes(p.gesture, p.tau_f, p.tau_v, p.acceleration / p.period, start, samples)
 
 
+def shapes_of_chunks(
+    p: Parameters, start: int, samples: int, chunks: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return F(t) and V(t) of a gesture in some chunks of `samples` samples.
+
+    Returns
+    -------
+    F, V : ndarray, shape (1, chunks * samples)
+    """
+    return _joined(p.gesture, p.tau_f, p.tau_v, p.acceleration / p.period, start, samples, chunks)
+
+
 def shapes_of_cells(cells: Cells, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return F(t) and V(t) of each cell.
 
@@ -108,6 +120,15 @@ def shapes_of_cells(cells: Cells, start: int, samples: int) -> tuple[NDArray[np.
     )
     pairs = [_shapes(p.gesture, tau_f, tau_v, rise, start, samples) for tau_f, tau_v, rise in columns]
     return np.array([f for f, _ in pairs]), np.array([v for _, v in pairs])
+
+
+@functools.lru_cache(maxsize=256)
+def _joined(
+    gesture: str, tau_f: float, tau_v: float, rise: float, start: int, samples: int, chunks: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return those of `_shapes`, chunk by chunk, as others need them, in a row."""
+    each = [_shapes(gesture, tau_f, tau_v, rise, start + n * samples, samples) for n in range(chunks)]
+    return np.concatenate([f for f, _ in each])[None], np.concatenate([v for _, v in each])[None]
 
 
 def _shapes(

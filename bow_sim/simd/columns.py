@@ -10,9 +10,25 @@ from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
 from bow_sim.simd.lanes import LANES, LANES_OF, element_aligned, pointer, vector
-from bow_sim.simd.rows import interleave
 
 _I64 = ir.IntType(64)
+
+_HALF = 4
+"""Rows and samples of a transposition: two numbers of each of four rows fit the shuffles that all machines have."""
+
+
+def _order(*places: int) -> ir.Constant:
+    return ir.Constant(ir.VectorType(ir.IntType(32), len(places)), places)
+
+
+def _transposed(builder: Any, rows: list[Any]) -> list[Any]:
+    """Transpose four vectors of four in two rounds of shuffles."""
+    a, b, c, d = rows
+    low, high = _order(0, 4, 1, 5), _order(2, 6, 3, 7)
+    pairs = [(builder.shuffle_vector(a, b, order), builder.shuffle_vector(c, d, order)) for order in (low, high)]
+    return [
+        builder.shuffle_vector(*pair, order) for pair in pairs for order in (_order(0, 1, 4, 5), _order(2, 3, 6, 7))
+    ]
 
 
 @intrinsic
@@ -27,18 +43,38 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o:
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         x_value, i_value, w, less, out_value, o_value = args
-        single, double = vector(LANES_OF[types.float32]), vector(level)
-        rows = []
-        for row in range(LANES):
-            place = builder.add(i_value, builder.mul(w, ir.Constant(_I64, row)))
-            rows.append(element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x))
-        for t, column in enumerate(interleave(builder, rows)):
-            value = builder.fsub(builder.fpext(column, double), less)
-            place = builder.add(o_value, ir.Constant(_I64, LANES * t))
-            element_aligned(builder.store(value, pointer(context, builder, out, out_value, place, double)), out)
+        single, double = (ir.VectorType(kind, _HALF) for kind in (ir.FloatType(), ir.DoubleType()))
+        places = [builder.add(i_value, builder.mul(w, ir.Constant(_I64, row))) for row in range(LANES)]
+        for first in range(0, LANES, _HALF):
+            half = builder.shuffle_vector(less, less, _order(first, first + 1, first + 2, first + 3))
+            for begin in range(0, LANES, _HALF):
+                rows = []
+                for start in places[first : first + _HALF]:
+                    place = builder.add(start, ir.Constant(_I64, begin))
+                    rows.append(element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x))
+                for t, column in enumerate(_transposed(builder, rows)):
+                    value = builder.fsub(builder.fpext(column, double), half)
+                    place = builder.add(o_value, ir.Constant(_I64, LANES * (begin + t) + first))
+                    element_aligned(builder.store(value, pointer(context, builder, out, out_value, place, double)), out)
         return context.get_dummy_value()
 
     return types.void(x, types.intp, types.intp, level, out, types.intp), codegen
+
+
+@intrinsic
+def flipped(typingctx: Any, x: Any, other: Any) -> Any:
+    """Return x with its sign changed in the lanes where the sign of `other` is minus; both are float32."""
+    lanes = LANES_OF[types.float32]
+    if not (x is lanes and other is lanes):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        whole = ir.VectorType(ir.IntType(32), LANES)
+        values, signs = (builder.bitcast(value, whole) for value in args)
+        signs = builder.and_(signs, ir.Constant(whole, [-(2**31)] * LANES))
+        return builder.bitcast(builder.xor(values, signs), vector(lanes))
+
+    return lanes(x, other), codegen
 
 
 @intrinsic

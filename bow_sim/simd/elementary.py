@@ -21,28 +21,50 @@ _MOST = 700.0
 
 
 @part(**LEAN)
-def exp(x):
-    """Return e**x."""
+def exp_parts(x):
+    """Return k and r so that e**x is 2**k e**r, r within half of log 2."""
     x = min(_MOST, max(-_MOST, x))
     k = math.floor(x / _LN2 + 0.5)
-    r = (x - k * _LN2_HIGH) - k * _LN2_LOW
-    total = 1.0
-    for n in range(16, 0, -1):
-        total = 1.0 + r / n * total
-    return math.ldexp(total, int(k))
+    return int(k), (x - k * _LN2_HIGH) - k * _LN2_LOW
+
+
+@part(**LEAN)
+def exp_series(r):
+    """Return e**r of a number or of lanes, within half of log 2."""
+    total = r / 16.0 + 1.0
+    for n in range(15, 0, -1):
+        total = r / n * total + 1.0
+    return total
+
+
+@part(**LEAN)
+def exp(x):
+    """Return e**x."""
+    k, r = exp_parts(x)
+    return math.ldexp(exp_series(r), k)
+
+
+@part(**LEAN)
+def log_parts(x):
+    """Return k and m so that x > 0 is 2**k m, m from 0.7 to 1.4."""
+    m, k = math.frexp(x)
+    return (k - 1, 2.0 * m) if m < 0.7 else (k, m)
+
+
+@part(**LEAN)
+def log_series(k, m):
+    """Return the natural logarithm of 2**k m, of numbers or of lanes, m from 0.7 to 1.4."""
+    s = (m - 1.0) / (m + 1.0)
+    total = s * s * 0.0 + 1.0 / 25
+    for n in range(23, 0, -2):
+        total = total * (s * s) + 1.0 / n
+    return k * _LN2 + s * 2.0 * total
 
 
 @part(**LEAN)
 def log(x):
     """Return the natural logarithm of x > 0."""
-    m, k = math.frexp(x)
-    if m < 0.7:
-        m, k = 2.0 * m, k - 1
-    s = (m - 1.0) / (m + 1.0)
-    total = 0.0
-    for n in range(25, 0, -2):
-        total = total * (s * s) + 1.0 / n
-    return k * _LN2 + 2.0 * s * total
+    return log_series(*log_parts(x))
 
 
 @part(**LEAN)

@@ -160,6 +160,33 @@ def store(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
 
 
 @intrinsic
+def read(typingctx: Any, array: Any, index: Any, like: Any) -> Any:
+    """Read eight elements, as `load` does, where `like` is lanes; where it is a number, one element."""
+    if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype is getattr(like, "dtype", like)):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = pointer(context, builder, array, args[0], args[1], context.get_data_type(like))
+        return element_aligned(builder.load(place), array)
+
+    return like(array, types.intp, like), codegen
+
+
+@intrinsic
+def write(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
+    """Write eight lanes, as `store` does, or a number."""
+    if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype is getattr(value, "dtype", value)):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = pointer(context, builder, array, args[0], args[1], context.get_data_type(value))
+        element_aligned(builder.store(args[2], place), array)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), codegen
+
+
+@intrinsic
 def spread(typingctx: Any, value: Any) -> Any:
     """Repeat a floating-point number in eight lanes."""
     if value not in LANES_OF:
@@ -399,6 +426,38 @@ def _define_signs(symbol: Any, operation: Callable[[Any, Any], Any]) -> None:
     _define(symbol, [(LanesType,)], result, emit)
 
 
+def _define_for_numbers(symbol: Any, result: Any, emit: Callable[[Any, Any], Any]) -> None:
+    """Define a function of lanes for a number, too: float64, as a number's operations with constants are float64."""
+
+    def typed(a: Any) -> Any:
+        return result if a is types.float64 else None
+
+    _define(symbol, [(types.Float,)], typed, lambda context, builder, signature, args: emit(builder, args[0]))
+
+
+def _number(name: str) -> Callable[[Any, Any], Any]:
+    def call(builder: Any, value: Any) -> Any:
+        double = ir.DoubleType()
+        kind = ir.FunctionType(double, [double])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.f64"), [value])
+
+    return call
+
+
+def _sign(relation: str) -> Callable[[Any, Any], Any]:
+    return lambda builder, value: builder.icmp_signed(relation, builder.bitcast(value, _I64), ir.Constant(_I64, 0))
+
+
+_define_for_numbers(absolute, types.float64, _number("fabs"))
+_define_for_numbers(root, types.float64, _number("sqrt"))
+_define_for_numbers(negative, types.boolean, _sign("<"))
+_define_for_numbers(not_negative, types.boolean, _sign(">="))
+_define(
+    choose,
+    [(types.Boolean, types.Float, types.Float)],
+    lambda mask, yes, no: types.float64 if (mask, yes, no) == (types.boolean, types.float64, types.float64) else None,
+    lambda context, builder, signature, args: builder.select(*args),
+)
 _define_signs(negative, lambda builder, bits: bits)
 _define_signs(not_negative, lambda builder, bits: builder.not_(bits))
 

@@ -1,6 +1,6 @@
 """Two operations on rows of eight lanes: convolution of several steps, and transposition.
 
-Both are written as single LLVM instructions, because their speed depends on how they use the registers.
+They are written as single LLVM instructions, because their speed depends on how they use the registers.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
 from bow_sim.simd.lanes import LANES, LANES_OF, broadcast, element_aligned, in_halves, pointer, vector
@@ -55,6 +56,52 @@ def fir_of(rows: int) -> Any:
             return context.get_dummy_value()
 
         return types.void(taps, x, types.intp, out, types.intp, types.intp), codegen
+
+    return fir
+
+
+def fir_each_of(rows: int) -> Any:
+    """Return the same convolution with taps of each lane, whose number is even and need not be known before.
+
+    ``out[o + r 8 : + 8] = 0 + taps[b : + 8] x[i + r 8] + taps[b + 8 : + 8] x[i + (r + 1) 8] + ...`` for the rows r.
+    """
+
+    @intrinsic
+    def fir(typingctx: Any, taps: Any, b: Any, count: Any, x: Any, i: Any, out: Any, o: Any) -> Any:
+        lanes = LANES_OF[x.dtype]
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            tap_values, b_value, total, x_value, i_value, out_value, o_value = args
+            parts = 2 if rows > LANES // 2 and in_halves(context, lanes) else 1
+            size = LANES // parts
+            kind = ir.VectorType(vector(lanes).element, size)
+
+            def place(array_type: Any, array: Any, start: Any, row: int, part: int) -> Any:
+                index = builder.add(start, ir.Constant(_I64, row * LANES + part * size))
+                return pointer(context, builder, array_type, array, index, kind)
+
+            zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * size)
+            for part in range(parts):
+                slots = [cgutils.alloca_once_value(builder, zero) for _ in range(rows)]
+                for slot in slots:
+                    builder.store(zero, slot)
+                with cgutils.for_range_slice(builder, ir.Constant(_I64, 0), total, ir.Constant(_I64, 2)) as (k, _):
+                    step = builder.mul(k, ir.Constant(_I64, LANES))
+                    tap_at, x_at = builder.add(b_value, step), builder.add(i_value, step)
+                    pair = [
+                        element_aligned(builder.load(place(taps, tap_values, tap_at, n, part)), taps) for n in range(2)
+                    ]
+                    window = [
+                        element_aligned(builder.load(place(x, x_value, x_at, r, part)), x) for r in range(rows + 1)
+                    ]
+                    for r, slot in enumerate(slots):
+                        total_r = builder.fadd(builder.load(slot), builder.fmul(pair[0], window[r]))
+                        builder.store(builder.fadd(total_r, builder.fmul(pair[1], window[r + 1])), slot)
+                for r, slot in enumerate(slots):
+                    element_aligned(builder.store(builder.load(slot), place(out, out_value, o_value, r, part)), out)
+            return context.get_dummy_value()
+
+        return types.void(taps, types.intp, types.intp, x, types.intp, out, types.intp), codegen
 
     return fir
 

@@ -125,7 +125,8 @@ class RunSurvey(Survey):
 
     def _tell_of_another(self, block: int, named: str | None, station: str) -> None:
         if named is not None and named != station and named in self.bags:
-            lacks = self.bags[named].lacks(block)
+            bag = self.bags[named]
+            lacks = bag.lacks(block) if bag.expected else "it holds no plan"
             what = f"was done at {in_words(named)}, whose bag lacks it ({lacks}); that of {in_words(station)} has it"
             self.problem(what, block=block, **_place(named))
 

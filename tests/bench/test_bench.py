@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bench import graph, kernel, machine, memory, peak, report, scalar, stk
+from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, scalar, stk
 from bench.processes import Watch, family_of, memory_of, name_of
 from bow_sim.physics.parameters import Parameters
 
@@ -52,6 +52,24 @@ def test_kernel_and_peaks_give_figures_for_the_table(monkeypatch: pytest.MonkeyP
     assert all(case["ns"] > 0 and case["plain_ns"] > 0 for case in cases.values())
     assert all(one["of_fma_peak"] > 0 and one["of_bound"] > 0 for one in peaks["kernels"].values())
     assert peaks["kernels"].keys() == set(CASES)
+    shares = [row.value for row in report.rows({"peak": peaks}) if row.section == "kernel against the peak"]
+    assert shares == [f"share of the arithmetic bound {one['of_bound']:.0%}" for one in peaks["kernels"].values()]
+
+
+def test_each_kernel_stands_beside_an_earlier_one_that_was_measured_elsewhere() -> None:
+    earlier = report.read(report.BASELINE)["kernel"]
+    assert earlier["cases"].keys() <= kernel.CASES.keys()
+    cases = {name: {"cells": 128, "ns": 1.0} for name in kernel.CASES}
+    for row, name in zip(report.rows({"kernel": cases}), cases, strict=True):
+        assert (f"d42a378 on {earlier['machine']}: " in row.beside) == (name in earlier["cases"])
+        if name in earlier["cases"]:
+            assert f"{earlier['cases'][name]['ns']:.2f} ns" in row.beside
+
+
+def test_the_classifier_gives_figures_for_the_table() -> None:
+    one = classifier.measure(10, repeats=1, cells=16)
+    assert one["ns"] > 0 and one["first_chunk_ns"] > 0
+    assert classifier.FIRST.keys() == classifier.CASES.keys()
 
 
 def test_stk_is_left_out_with_a_message_where_it_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,6 +132,7 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
         "seconds": 60.0,
         "kernel": {CASES[0]: {"cells": 128, "ns": 4.0, "plain_ns": 22.0, "ratio": 5.5}},
         "stk": {"skipped": "libstk-dev is not here"},
+        "classifier": {"stiff/Cremer, 100 periods": {"ns": 3.0, "first_chunk_ns": 4.0}},
         "graph": [
             {"width": 4, "height": 2, "simulators": 2, "skipped": "no room"},
             {
@@ -140,9 +159,10 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
     report.write_page(result, page)
     text = page.read_text()
     for words in (
-        "22.0 ns: 5.5 times",
+        "22.0 ns: 5.5 times; d42a378 on",
         "libstk-dev is not here",
         "no room",
+        "3.00 ns a cell-sample | in the first chunk 4.00 ns; 0.88 of the time of d42a378",
         "| recorder | CPU 1.00 s |",
         "3.00 s beyond the bare",
         "FAILED",
@@ -150,3 +170,13 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
         assert words in text
     assert result["machine"]["cpu"] in text
     assert result["machine"]["cpu"].split()[0] in shown.getvalue()
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("ros_domain")
+def test_a_coordinator_with_simulators_that_compute_nothing_finishes_its_sweep(tmp_path: Path) -> None:
+    one = coordinator.measure(3, (32, 16), tmp_path)
+    assert (one["blocks"], one["simulators"]) == (8, 3)
+    assert one["chunks"] > 7 * 20, "each block has all of its chunks answered"
+    assert one["cpu_ms_a_chunk"] > 0 and one["rss_mb"] > 0
+    assert [row.section for row in report.rows({"coordinator": [one]})] == ["coordinator"]

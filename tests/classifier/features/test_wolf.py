@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from kinematics import GEOMETRY, HEIGHT, N, Record, chunks
 from wolves import PERIOD, string_of_1983, wolf
 
 from bow_classifier.block_classifier import BlockClassifier
-from bow_classifier.features.wolf import STEPS
+from bow_classifier.features.wolf import MEMORY, STEPS, WolfState, _highest, wolf_workspace
 from bow_classifier.verdict.regimes import REGIMES, WOLF
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sweep.maps.in_process import verdicts
@@ -106,6 +108,32 @@ def test_beat_share_and_changes_are_those_of_the_definition(noise):
         assert found.beat[0] == pytest.approx(slow, abs=1 / STEPS)
         for stricter in ({"wolf_beat": min(height + 1e-3, 1)}, {"wolf_changes": changes + 0.5}):
             assert np.isnan(last([record], thresholds=Thresholds(**stricter)).beat[0])
+
+
+def test_sums_that_are_left_out_are_never_the_highest():
+    rng = np.random.default_rng(3)
+    workspace = wolf_workspace(WolfState.empty(1, 5), N)
+    count = STEPS * (MEMORY - 1) + 1
+    found = set()
+    for beat, clear, noise in itertools.product((4.5, 9.3, 17.0, 41.0, 70.0), (0.0, 0.5, 0.7, 0.9), (0.0, 0.2, 2.0)):
+        t = np.arange(count) / STEPS
+        signal = (
+            np.sin(2 * np.pi * t / beat + rng.uniform(0, 6)) * rng.uniform(0.2, 1, count // 8 + 1).repeat(8)[:count]
+        )
+        x = signal + noise * np.convolve(rng.normal(size=count), np.ones(STEPS) / STEPS, "same")
+        workspace.x[:] = 0.0
+        workspace.x[:count] = x - x.mean()
+        height, lag = _highest(
+            workspace.x, count, count // 2, clear, workspace.products, workspace.means, workspace.coarse
+        )
+        sums = np.correlate(workspace.x[:count], workspace.x[:count], "full")[count - 1 :][: count // 2]
+        beyond = np.logical_or.accumulate(sums < 0.0)
+        best = int(np.argmax(np.where(beyond, sums, -np.inf)))
+        is_clear = beyond[best] and sums[best] > clear * sums[0]
+        assert lag == (best if is_clear else -1)
+        assert not is_clear or height == pytest.approx(sums[best])
+        found.add(lag >= 0)
+    assert found == {True, False}
 
 
 FORCES = (1.6, 2.0, 2.4, 2.9, 3.4, 4.0, 4.6)

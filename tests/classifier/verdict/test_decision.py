@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bow_classifier.verdict import regimes, thresholds
-from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS
-from bow_classifier.verdict.decision import Decision, Features, Limits, decide_cell, history
+from bow_classifier.verdict.confidence import COEFFICIENTS, MARGINS, confidence_workspace
+from bow_classifier.verdict.decision import Decision, Features, Limits, decide_eight, history
 from bow_classifier.verdict.regimes import DEFINITIONS, REGIMES, count, is_helmholtz
 from bow_classifier.verdict.thresholds import THRESHOLD_PRESETS, Thresholds
 from bow_sim.physics.errors import ParameterError
@@ -121,7 +121,7 @@ def verdict(**seen):
     seen = {"slip_clusters": seen.get("slips", 5), "corner_clusters": seen.get("corners", 5), **seen}
     fields = {name: np.array([seen.get(name, usual)], kind) for name, (usual, kind) in WHAT_IS_SEEN.items()}
     decision = Decision.empty(1)
-    decide_cell(0, Features(**fields), Limits.of(139, Thresholds()), decision)
+    decide_eight(0, 1, Features(**fields), Limits.of(139, Thresholds()), decision, confidence_workspace())
     return REGIMES[decision.regime[0]], float(decision.confidence[0])
 
 

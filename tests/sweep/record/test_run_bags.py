@@ -1,6 +1,7 @@
 """A run whose bag is several directories, one for each station, is the run of one bag: for every reader."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -15,12 +16,13 @@ from bow_sim.protocol import cdr
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.cell.waveform import CellError
 from bow_sweep.coordinator.resume import prepare, resume
-from bow_sweep.record.bag import BagWriter, bag_files, bag_folder, messages
+from bow_sweep.record.bag import BagWriter, bag_files, bag_folder, messages, station_bags
 from bow_sweep.record.recover import recover
 from bow_sweep.record.replay import load_verdicts, replay
 from bow_sweep.record.topics import TOPICS, full_names
 from bow_sweep.record.verify import verify
 from bow_sweep.run.errors import RunError
+from bow_sweep.run.ledger import State
 from bow_sweep.run.ledger_file import done_at, latest_states, read_ledger
 from bow_sweep.run.lock import locked, recorder_of
 
@@ -253,3 +255,66 @@ def test_a_ledger_that_is_lost_is_made_again_from_all_bags(two):
     (unfinished(two) / "ledger.jsonl").unlink()
     prepare(two)
     assert done_at(read_ledger(two)) == {0: "a", 1: "a", 2: "b"}
+
+
+# ---- files that are lost, cut off, doubled or exchanged
+
+
+def changed(run, kind, station, other, place):
+    """Do something to the bag of a station."""
+    bag = run / "bag" / station
+    path = bag / f"{station}_0.mcap"
+    if not path.exists():
+        return
+    match kind:
+        case "lost":
+            shutil.rmtree(bag)
+        case "cut off":
+            os.truncate(path, int(place * path.stat().st_size))
+        case "a byte changed":
+            content = bytearray(path.read_bytes())
+            if content:
+                content[int(place * (len(content) - 1))] ^= 1
+            path.write_bytes(content)
+        case "copied":
+            shutil.copytree(bag, run / "bag" / other, dirs_exist_ok=True)
+        case "exchanged":
+            if (run / "bag" / other).is_dir():
+                for source, to in ((bag, "aside"), (run / "bag" / other, station), (run / "bag" / "aside", other)):
+                    source.rename(run / "bag" / to)
+        case "metadata lost":
+            (bag / "metadata.yaml").unlink(missing_ok=True)
+
+
+CHANGES = ("lost", "cut off", "a byte changed", "copied", "exchanged", "metadata lost")
+
+
+@pytest.mark.full
+@settings(max_examples=25)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(CHANGES), st.sampled_from("ab"), st.sampled_from("abc"), st.floats(0, 1)),
+        min_size=1,
+        max_size=3,
+    )
+)
+def test_whatever_happens_to_the_bags_what_is_done_is_as_it_was_or_the_remedy_is_named(complete, tmp_path_factory, ops):
+    run = split(complete, tmp_path_factory.mktemp("changed") / "run", {"a": [0, 1], "b": [1, 2]})
+    right = load_verdicts(complete)
+    for op in ops:
+        changed(unfinished(run) if (run / "report.json").exists() else run, *op)
+    try:
+        found = resume(run)
+    except RunError as error:
+        absent = {name for name in "ab" if name not in station_bags(run)}
+        assert "bow collect" in str(error)
+        assert absent
+        prepare(run, lost=[name for name in "ab" if f"station {name}: " in str(error)])
+        found = resume(run)
+    found.run.close()
+    done = [block for block in BLOCKS if found.run.ledger.blocks[block].state is State.DONE]
+    assert sorted(done_at(read_ledger(run))) == done
+    cells = SWEEP.first_blocks.cells_of(done)
+    layers = found.layers or {name: np.zeros_like(layer) for name, layer in right.items()}
+    for name, layer in right.items():
+        assert np.array_equal(layers[name][:, cells], layer[:, cells], equal_nan=layer.dtype.kind == "f"), name
