@@ -21,8 +21,9 @@ from bow_sim.kernel.arguments import SIDES
 from bow_sim.physics.parameters import DTYPES, Parameters
 from bow_sim.physics.reflection import ends
 from bow_sim.simd.jit import intrinsic, njit
-from bow_sim.simd.lanes import LANES as EIGHT
-from bow_sim.simd.lanes import LANES_OF, aligned, element_aligned, pointer, vector
+from bow_sim.simd.lane_types import LANES as EIGHT
+from bow_sim.simd.lane_types import LANES_OF, element_aligned, pointer, vector
+from bow_sim.simd.lanes import aligned
 
 CHAINS = (4, 8, 12, 16, 24)
 """Numbers of chains tried; the most that a machine does depends on how many registers it has."""

@@ -19,6 +19,7 @@ SOURCES = (
     "kernel/few_cells",
     "kernel/ahead",
     "simd/rows",
+    "simd/lane_types",
     "simd/lanes",
     "simd/jit",
     "simd/parts",

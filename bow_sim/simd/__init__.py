@@ -4,6 +4,7 @@ jit         Numba's decorators, for every compiled function
 options     options of Numba that several modules share
 parts       functions that only compiled functions call: compiled once, with the whole
 code_cache  where compiled code is stored, and a message while it is compiled
+lane_types  the types of eight lanes, as LLVM knows them
 lanes       eight lanes as one value in compiled code
 elementary  exp, log, cosine and sine with the same bits on every machine
 rows        convolution and transposition of rows of eight lanes

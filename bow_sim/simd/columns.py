@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lanes import LANES, LANES_OF, element_aligned, pointer, vector
+from bow_sim.simd.lane_types import LANES, LANES_OF, element_aligned, pointer, vector
 
 _I64 = ir.IntType(64)
 

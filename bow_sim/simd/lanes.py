@@ -20,111 +20,31 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.datamodel import models
 from numba.core.typing.templates import AbstractTemplate, infer_global
 
-from bow_sim.simd.jit import intrinsic, lower_builtin, register_model
-
-LANES = 8
-"""Lanes in a value: the number of float64 in the widest registers, those of AVX-512."""
+from bow_sim.simd.jit import intrinsic, lower_builtin
+from bow_sim.simd.lane_types import (
+    LANES,
+    LANES_OF,
+    MASK,
+    SIGNS_OF,
+    SUFFIX,
+    LanesType,
+    MaskType,
+    SignsType,
+    broadcast,
+    element_aligned,
+    half,
+    in_halves,
+    integers,
+    is_lanes,
+    lanes_of,
+    pointer,
+    vector,
+    widened,
+)
 
 _I64 = ir.IntType(64)
-
-
-class LanesType(types.Type):
-    """Type of eight floating-point lanes in compiled code."""
-
-    def __init__(self, dtype: Any) -> None:
-        self.dtype = dtype
-        super().__init__(name=f"Lanes({dtype})")
-
-
-class MaskType(types.Type):
-    """Type of eight truth values in compiled code."""
-
-    def __init__(self) -> None:
-        super().__init__(name="Mask")
-
-
-class SignsType(types.Type):
-    """Type of eight truth values in compiled code, each the sign bit of an integer as wide as a lane.
-
-    A `MaskType` is eight single bits. A machine without mask registers makes each of these from the lanes of a
-    comparison and back by a chain of instructions; sign bits stay where the arithmetic put them.
-    """
-
-    def __init__(self, dtype: Any) -> None:
-        self.dtype = dtype
-        super().__init__(name=f"Signs({dtype})")
-
-
-MASK = MaskType()
-LANES_OF: dict[Any, Any] = {types.float64: LanesType(types.float64), types.float32: LanesType(types.float32)}
-SIGNS_OF: dict[Any, Any] = {dtype: SignsType(dtype) for dtype in LANES_OF}
-_ELEMENT = {types.float64: ir.DoubleType(), types.float32: ir.FloatType()}
-_SUFFIX = {types.float64: "f64", types.float32: "f32"}
-
-
-def vector(lanes: LanesType) -> ir.VectorType:
-    """Return LLVM's type of eight lanes."""
-    return ir.VectorType(_ELEMENT[lanes.dtype], LANES)
-
-
-def _integers(signs: Any) -> ir.VectorType:
-    """Return LLVM's type of the sign bits of lanes, or of the bits of lanes."""
-    return ir.VectorType(ir.IntType(signs.dtype.bitwidth), LANES)
-
-
-def in_halves(context: Any, lanes: Any) -> bool:
-    """Return whether eight lanes are two registers of the machine that is compiled for."""
-    _, _, features = context.codegen().magic_tuple()
-    return lanes.dtype is types.float64 and "+avx512f" not in features.split(",")
-
-
-def half(builder: Any, value: Any, number: int) -> Any:
-    """Emit code for the lower (0) or upper (1) half of eight lanes."""
-    size = LANES // 2
-    places = ir.Constant(ir.VectorType(ir.IntType(32), size), [number * size + i for i in range(size)])
-    return builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined), places)
-
-
-@register_model(LanesType)
-class _LanesModel(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: LanesType) -> None:
-        super().__init__(dmm, fe_type, vector(fe_type))
-
-
-@register_model(MaskType)
-class _MaskModel(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: MaskType) -> None:
-        super().__init__(dmm, fe_type, ir.VectorType(ir.IntType(1), LANES))
-
-
-@register_model(SignsType)
-class _SignsModel(models.PrimitiveModel):
-    def __init__(self, dmm: Any, fe_type: SignsType) -> None:
-        super().__init__(dmm, fe_type, _integers(fe_type))
-
-
-def broadcast(builder: Any, scalar: Any, kind: ir.VectorType) -> Any:
-    """Emit code that repeats a number in all lanes of a type."""
-    nothing = ir.Constant(kind, ir.Undefined)
-    first = builder.insert_element(nothing, scalar, ir.Constant(ir.IntType(32), 0))
-    places = ir.Constant(ir.VectorType(ir.IntType(32), kind.count), [0] * kind.count)
-    return builder.shuffle_vector(first, nothing, places)
-
-
-def pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, element: Any) -> Any:
-    """Emit code for the address of ``array.flat[index]``, as a pointer to ``element``."""
-    data = context.make_array(array_type)(context, builder, value=array).data
-    return builder.bitcast(builder.gep(data, [index]), element.as_pointer())
-
-
-def element_aligned(instruction: Any, array_type: Any) -> Any:
-    """Set the alignment of a load or store to that of one element: not all arrays begin at a cache line."""
-    instruction.align = array_type.dtype.bitwidth // 8
-    return instruction
-
 
 # Memory
 
@@ -243,7 +163,7 @@ def signs_of(typingctx: Any, mask: Any, like: Any) -> Any:
 
 def _widened_mask(builder: Any, value: Any, kind: Any, signs: SignsType) -> Any:
     """Emit code that makes signs of a mask, and leaves signs as they are."""
-    return builder.sext(value, _integers(signs)) if kind is MASK else value
+    return builder.sext(value, integers(signs)) if kind is MASK else value
 
 
 def _is_negative(builder: Any, integers: Any) -> Any:
@@ -261,28 +181,6 @@ def lowest_bit(typingctx: Any, bits: Any) -> Any:
 
 
 # Arithmetic
-
-
-def _lanes_of(a: Any, b: Any) -> Any:
-    """Return which of two types is that of lanes."""
-    return a if isinstance(a, LanesType) else b
-
-
-def _widened(context: Any, builder: Any, lanes: LanesType, values: Any, kinds: Any) -> list[Any]:
-    """Emit code that repeats those values that are numbers, after rounding them to the lanes' type."""
-    return [
-        value
-        if isinstance(kind, LanesType)
-        else broadcast(builder, context.cast(builder, value, kind, lanes.dtype), vector(lanes))
-        for value, kind in zip(values, kinds, strict=True)
-    ]
-
-
-def _is_lanes(a: Any, b: Any) -> bool:
-    """Return whether both are lanes of one type, or one is lanes and the other a number."""
-    kinds = [x for x in (a, b) if isinstance(x, LanesType)]
-    others = [x for x in (a, b) if not isinstance(x, LanesType)]
-    return bool(kinds) and all(k is kinds[0] for k in kinds) and all(isinstance(x, types.Number) for x in others)
 
 
 _PAIRS = ((LanesType, LanesType), (LanesType, types.Number), (types.Number, LanesType))
@@ -321,10 +219,10 @@ def _define_binary(symbol: Any, operation: Callable[[Any, Any, Any], Any], mask:
     """Define an operator for two values of lanes, or for lanes and a number."""
 
     def result(a: Any, b: Any) -> Any:
-        return (MASK if mask else _lanes_of(a, b)) if _is_lanes(a, b) else None
+        return (MASK if mask else lanes_of(a, b)) if is_lanes(a, b) else None
 
     def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return operation(builder, *_widened(context, builder, _lanes_of(*signature.args), args, signature.args))
+        return operation(builder, *widened(context, builder, lanes_of(*signature.args), args, signature.args))
 
     _define(symbol, _PAIRS, result, emit)
 
@@ -405,7 +303,7 @@ def _llvm(name: str) -> Callable[[Any, Any, LanesType], Any]:
 
     def call(builder: Any, value: Any, lanes: LanesType) -> Any:
         kind = ir.FunctionType(vector(lanes), [vector(lanes)])
-        full = f"llvm.{name}.v{LANES}{_SUFFIX[lanes.dtype]}"
+        full = f"llvm.{name}.v{LANES}{SUFFIX[lanes.dtype]}"
         return builder.call(cgutils.get_or_insert_function(builder.module, kind, full), [value])
 
     return call
@@ -421,7 +319,7 @@ def _define_signs(symbol: Any, operation: Callable[[Any, Any], Any]) -> None:
         return SIGNS_OF[a.dtype] if isinstance(a, LanesType) else None
 
     def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return operation(builder, builder.bitcast(args[0], _integers(signature.return_type)))
+        return operation(builder, builder.bitcast(args[0], integers(signature.return_type)))
 
     _define(symbol, [(LanesType,)], result, emit)
 
@@ -463,14 +361,14 @@ _define_signs(not_negative, lambda builder, bits: builder.not_(bits))
 
 
 def _chosen(mask: Any, yes: Any, no: Any) -> Any:
-    if not _is_lanes(yes, no):
+    if not is_lanes(yes, no):
         return None
-    lanes = _lanes_of(yes, no)
+    lanes = lanes_of(yes, no)
     return lanes if mask is MASK or mask is SIGNS_OF[lanes.dtype] else None
 
 
 def _emit_choice(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    values = _widened(context, builder, signature.return_type, args[1:], signature.args[1:])
+    values = widened(context, builder, signature.return_type, args[1:], signature.args[1:])
     mask = args[0] if signature.args[0] is MASK else _is_negative(builder, args[0])
     return builder.select(mask, *values)
 

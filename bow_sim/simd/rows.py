@@ -13,7 +13,7 @@ from numba import types
 from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lanes import LANES, LANES_OF, broadcast, element_aligned, in_halves, pointer, vector
+from bow_sim.simd.lane_types import LANES, LANES_OF, broadcast, element_aligned, in_halves, pointer, vector
 
 _I64 = ir.IntType(64)
 
