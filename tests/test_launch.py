@@ -31,7 +31,8 @@ from launch_stand_ins import (
 )
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-FILES = sorted((ROOT / "launch").glob("*.launch.py"))
+# Without stations.launch.py, which starts commands by ssh, no nodes: see test_launchers.py.
+FILES = sorted(path for path in (ROOT / "launch").glob("*.launch.py") if path.name != "stations.launch.py")
 
 
 @pytest.fixture(autouse=True)
