@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from domains import own_domain
 from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, bow, run_sweep, sweeping, verified
@@ -147,17 +148,12 @@ def test_the_work_of_a_machine_that_is_cut_off_goes_to_the_others(two: Machines,
 def test_a_station_of_another_machine_keeps_its_waveforms_and_loses_its_work_when_it_is_cut_off(
     two: Machines, alone: Path, tmp_path: Path
 ) -> None:
-    run, out, log = tmp_path / "run", tmp_path / "far", tmp_path / "far.log"
+    run, out, log = tmp_path / "run", tmp_path / "lab", tmp_path / "lab.log"
     arguments = [*LONG, "--simulators", "1", "--network", "SUBNET", "--out", str(run)]
     with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep:
-        sweep.wait_until(lambda: "of their own: " in sweep.text)
-        line = re.search("of their own: (.*)", sweep.text)
-        assert line
-        words = f"exec env {line[1].replace('NAME', 'lab')} --network SUBNET --simulators 1 --out {out}"
-        with open(log, "wb") as output:
-            far = subprocess.Popen(two.command(FAR, "sh", "-c", words), stdout=output, stderr=output)
+        far = start_station("lab", two, FAR, sweep)
         try:
-            sweep.wait_until(lambda: '"station": "lab"' in "".join(done_entries(run)))
+            sweep.wait_until(lambda: "lab" in stations_of(run))
             assert far.poll() is None, log.read_text()
             two.run(FAR, "ip", "link", "set", "cable1", "down")
             assert sweep.wait() == 0, sweep.text
@@ -166,9 +162,7 @@ def test_a_station_of_another_machine_keeps_its_waveforms_and_loses_its_work_whe
             assert far.wait(PATIENCE_S) == 130, log.read_text()
     report = verified(run)
     assert_same_map(alone, run)
-    there = [json.loads(line)["block"] for line in done_entries(run) if '"station": "lab"' in line]
-    assert report["unseen"].keys() == {"lab"}
-    assert len(report["unseen"]["lab"]) == len(set(there))
+    assert {name: len(blocks) for name, blocks in report["unseen"].items()} == {"lab": stations_of(run)["lab"]}
     shutil.copytree(next(out.glob("*/bag/lab")), run / "bag" / "lab")
     assert bow("recover", str(run)).returncode == 0  # without the others a recorder may not end in time
     report = verified(run)
@@ -176,10 +170,73 @@ def test_a_station_of_another_machine_keeps_its_waveforms_and_loses_its_work_whe
     assert report["verdicts_equal"] == report["chunks_planned"]
 
 
-def done_entries(run: Path) -> list[str]:
-    """Return the lines of a ledger about blocks that are done."""
+def test_of_four_stations_one_is_killed_one_suspended_and_one_cut_off(
+    two: Machines, alone: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    arguments = [*LONG, "--simulators", "1", "--no-dashboard", "--network", "SUBNET", "--out", str(run)]
+    with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep:
+        places = {"killed": NEAR, "suspended": NEAR, "far": FAR}
+        stations = {name: start_station(name, two, where, sweep) for name, where in places.items()}
+        families: dict[str, list[psutil.Process]] = {}
+        try:
+            sweep.wait_until(lambda: sweep.done_blocks() > 0)
+            (own,) = sweep.children("simulator")
+            own.send_signal(signal.SIGSTOP)  # so that the work lasts until the others have had their part
+            sweep.wait_until(lambda: places.keys() <= stations_of(run).keys())
+            own.send_signal(signal.SIGCONT)
+            for name, process in stations.items():
+                families[name] = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+            two.run(FAR, "ip", "link", "set", "cable1", "down")
+            for name, sent in (("killed", signal.SIGKILL), ("suspended", signal.SIGSTOP)):
+                for each in families[name]:
+                    each.send_signal(sent)
+            time.sleep(10)
+            for each in families["suspended"]:
+                each.send_signal(signal.SIGCONT)
+            assert sweep.wait() == 0, sweep.text
+        finally:
+            for name in ("suspended", "far"):
+                stations[name].send_signal(signal.SIGINT)
+                stations[name].wait(PATIENCE_S)
+            stations["killed"].wait(PATIENCE_S)
+    assert_same_map(alone, run)
+    shares = stations_of(run)
+    assert shares.keys() == {"", *places}
+    assert sum(shares.values()) == 192
+    assert {name: len(blocks) for name, blocks in verified(run)["unseen"].items()} == {
+        name: shares[name] for name in places
+    }
+    (whole,) = {made.parent.parent for made in tmp_path.glob("*/*/bag/killed")}
+    assert bow("recover", str(whole)).returncode == 0  # it was killed while it wrote
+    collected = bow("collect", str(run), *(str(made) for made in tmp_path.glob("*/*") if (made / "bag").is_dir()))
+    assert collected.returncode == 0, collected.stderr
+    report = verified(run)
+    assert report["unseen"] == {}
+    assert report["verdicts_equal"] == report["chunks_planned"]
+
+
+def start_station(name: str, two: Machines, where: int, sweep: Sweep) -> "subprocess.Popen[bytes]":
+    """Start a station on one of the machines, by the very line that the sweep prints; its bag goes beside the run."""
+    sweep.wait_until(lambda: "of their own: " in sweep.text)
+    line = re.search("of their own: (.*)", sweep.text)
+    assert line
+    out = sweep.directory.with_name(name)
+    words = f"exec env {line[1].replace('NAME', name)} --network SUBNET --simulators 1 --out {out}"
+    with open(out.with_suffix(".log"), "wb") as output:
+        return subprocess.Popen(two.command(where, "sh", "-c", words), stdout=output, stderr=output)
+
+
+def stations_of(run: Path) -> Counter[str]:
+    """Return how many blocks each station has done, by the ledger, whose last line may be half written."""
+    found: Counter[str] = Counter()
     ledger = run / "ledger.jsonl"
-    return [line for line in ledger.read_text().splitlines() if '"done"' in line] if ledger.exists() else []
+    for line in ledger.read_text().splitlines() if ledger.exists() else []:
+        with contextlib.suppress(ValueError):
+            entry = json.loads(line)
+            if entry["event"] == "done":
+                found[entry.get("station", "")] += 1
+    return found
 
 
 def test_nobody_else_hears_or_reaches_a_sweep_unless_asked(two: Machines, tmp_path: Path) -> None:
