@@ -77,8 +77,9 @@ class _Starting(NamedTuple):
 
 
 class _Peer(NamedTuple):
-    """A process that was heard: its incarnation, and since when it is heard."""
+    """A process that was heard: its role and incarnation, and since when it is heard."""
 
+    role: str
     incarnation: str
     since: float
 
@@ -106,6 +107,7 @@ class Watchdog:
         self._coordinator: tuple[int, float] = (0, math.inf)  # its process, and when it was heard
         self._peers: dict[int, _Peer] = {}  # recorder, classifier and simulators
         self._heard_by_coordinator: set[str] = set()  # incarnations
+        self._stuck: set[str] = set()  # roles of which a process was stuck and none was ready since
         self._joins = 0  # since then
         self._progress: tuple[object, float] = (None, 0.0)
         self.worked: set[int] = set()
@@ -143,7 +145,7 @@ class Watchdog:
             if run_id == self.run_id:
                 self._opened = min(self._opened, now)
         elif role in (*CONSUMERS, "simulator"):
-            self._peers.setdefault(pid, _Peer(incarnation, now))
+            self._peers.setdefault(pid, _Peer(role, incarnation, now))
         if state in (NodeState.READY, NodeState.BUSY):
             self.worked.add(pid)
         without_run = role in CONSUMERS and run_id != self.run_id
@@ -152,6 +154,7 @@ class Watchdog:
             self._starting.setdefault(pid, _Starting(role, now))
         else:
             self._starting.pop(pid, None)
+            self._stuck.discard(role)
 
     def progress(self, value: object, now: float) -> None:
         """Take in how far the sweep is; a value other than the last one is progress."""
@@ -196,7 +199,8 @@ class Watchdog:
         """Return the processes to restart because they are not ready; the timeouts of all others start again.
 
         Processes that are not ready wait for each other. First in question is a recorder or classifier that has not
-        opened the run, then one that other nodes do not hear, then simulators. If all these are ready and the
+        opened the run, then one that other nodes do not hear, then simulators. Where the successor of such a process is
+        not ready either, recorder and classifier may be the ones that do not hear. If all these are ready and the
         coordinator is not, it is they that it does not hear; last in question is the coordinator itself.
 
         Parameters
@@ -217,6 +221,10 @@ class Watchdog:
             candidates = set(lost) or {coordinator}
         stuck = {pid for pid in candidates if now - since[pid] > self._patience}
         if stuck:
+            roles = {self._peers[pid].role for pid in stuck & self._peers.keys()}
+            if roles & self._stuck:
+                stuck |= {pid for pid in needed if pid in self._peers and self._peers[pid].role in CONSUMERS}
+            self._stuck |= roles
             self._without_run -= stuck
             others = {pid: process for pid, process in self._starting.items() if pid not in stuck}
             self._starting = {pid: process._replace(since=now) for pid, process in others.items()}

@@ -230,7 +230,7 @@ class Ledger:
                     differs = answers.setdefault(chunk, checksum) != checksum
                     self._answered(number, chunk, differs, now, out)
             case OnDisk(number, station):
-                if self._concerns(number, 0, station):
+                if self._concerns(number, 0, station) and not self.blocks[number].on_disk:  # it is said again and again
                     self.blocks[number].on_disk = True
                     self._answered(number, 0, False, now, out)
             case Grown(blocks):

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
@@ -19,7 +19,7 @@ from domains import own_domain
 from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, bow, run_sweep, sweeping, verified
 from machines import ADDRESSES, FAR, NEAR, Machines, machines
 
-pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
+pytestmark = [pytest.mark.full, pytest.mark.alone, pytest.mark.usefixtures("ros_domain")]
 
 LONG = ["fig11d", "--nx", "64", "--ny", "96", "--set", "block_cells=32"]
 """6144 cells in 192 blocks: enough that a simulator that comes late, on a busy machine, gets its share."""
@@ -47,9 +47,32 @@ def two(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machines]:
 
 def computed_by(run: Path) -> Counter[str]:
     """Return how many blocks each simulator has done, by the ledger."""
-    entries = [json.loads(line) for line in (run / "ledger.jsonl").read_text().splitlines()]
+    entries = entries_of(run)
     hands = {(e["block"], e["attempt"]): e["simulator"] for e in entries if e["event"] == "dispatched"}
     return Counter(hands[e["block"], e["attempt"]] for e in entries if e["event"] == "done")
+
+
+def stations_of(run: Path) -> Counter[str]:
+    """Return how many blocks each station has done, by the ledger."""
+    return Counter(e.get("station", "") for e in entries_of(run) if e["event"] == "done")
+
+
+def entries_of(run: Path) -> list[dict]:
+    """Return the entries of a ledger; its last line may be half written."""
+    entries, ledger = [], run / "ledger.jsonl"
+    for line in ledger.read_text().splitlines() if ledger.exists() else []:
+        with contextlib.suppress(ValueError):
+            entries.append(json.loads(line))
+    return entries
+
+
+def hold_until(sweep: Sweep, there_are_others: Callable[[], bool]) -> None:
+    """Stop the sweep's own simulator until others have had a part of the work, however late they come."""
+    sweep.wait_until(lambda: sweep.done_blocks() > 0)
+    (own,) = sweep.children("simulator")
+    own.send_signal(signal.SIGSTOP)
+    sweep.wait_until(there_are_others)
+    own.send_signal(signal.SIGCONT)
 
 
 OLD = {
@@ -74,6 +97,7 @@ def joined(two: Machines, sweep: Sweep, log: Path, **machine: str) -> Iterator[N
         command = two.command(FAR, "sh", "-c", f"exec env {' '.join(words)}")
         simulator = subprocess.Popen(command, stdout=output, stderr=output)
     try:
+        hold_until(sweep, lambda: len(computed_by(sweep.directory)) == 2)
         yield
         assert simulator.poll() is None, log.read_text()
     finally:
@@ -153,7 +177,7 @@ def test_a_station_of_another_machine_keeps_its_waveforms_and_loses_its_work_whe
     with sweeping(run, *arguments, outer=two.command(NEAR)) as sweep:
         far = start_station("lab", two, FAR, sweep)
         try:
-            sweep.wait_until(lambda: "lab" in stations_of(run))
+            hold_until(sweep, lambda: "lab" in stations_of(run))
             assert far.poll() is None, log.read_text()
             two.run(FAR, "ip", "link", "set", "cable1", "down")
             assert sweep.wait() == 0, sweep.text
@@ -180,11 +204,7 @@ def test_of_four_stations_one_is_killed_one_suspended_and_one_cut_off(
         stations = {name: start_station(name, two, where, sweep) for name, where in places.items()}
         families: dict[str, list[psutil.Process]] = {}
         try:
-            sweep.wait_until(lambda: sweep.done_blocks() > 0)
-            (own,) = sweep.children("simulator")
-            own.send_signal(signal.SIGSTOP)  # so that the work lasts until the others have had their part
-            sweep.wait_until(lambda: places.keys() <= stations_of(run).keys())
-            own.send_signal(signal.SIGCONT)
+            hold_until(sweep, lambda: places.keys() <= stations_of(run).keys())
             for name, process in stations.items():
                 families[name] = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
             two.run(FAR, "ip", "link", "set", "cable1", "down")
@@ -225,18 +245,6 @@ def start_station(name: str, two: Machines, where: int, sweep: Sweep) -> "subpro
     words = f"exec env {line[1].replace('NAME', name)} --network SUBNET --simulators 1 --out {out}"
     with open(out.with_suffix(".log"), "wb") as output:
         return subprocess.Popen(two.command(where, "sh", "-c", words), stdout=output, stderr=output)
-
-
-def stations_of(run: Path) -> Counter[str]:
-    """Return how many blocks each station has done, by the ledger, whose last line may be half written."""
-    found: Counter[str] = Counter()
-    ledger = run / "ledger.jsonl"
-    for line in ledger.read_text().splitlines() if ledger.exists() else []:
-        with contextlib.suppress(ValueError):
-            entry = json.loads(line)
-            if entry["event"] == "done":
-                found[entry.get("station", "")] += 1
-    return found
 
 
 def test_nobody_else_hears_or_reaches_a_sweep_unless_asked(two: Machines, tmp_path: Path) -> None:

@@ -228,3 +228,17 @@ def test_of_a_coordinator_that_waits_alone_those_are_restarted_that_it_does_not_
     assert watchdog.stuck(63 + AFTER_STOP_S, needed) == {9}  # it hears all, and is not ready all the same
     coordinator(NodeState.BUSY, [], 80)
     assert watchdog.stuck(200, needed) == set()
+
+
+def test_where_a_successor_is_not_heard_either_the_other_consumer_is_restarted_too(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(9, "coordinator", NodeState.STARTING, RUN, 0)
+    watchdog.heartbeat(1, "recorder", NodeState.BUSY, RUN, 0)
+    watchdog.heartbeat(2, "classifier", NodeState.STARTING, RUN, 0)
+    assert watchdog.stuck(1 + STUCK_S, {1, 2, 9}) == {2}
+    watchdog.heartbeat(3, "classifier", NodeState.STARTING, RUN, 20)
+    assert watchdog.stuck(21 + STUCK_S, {1, 3, 9}) == {1, 3}
+    watchdog.heartbeat(4, "recorder", NodeState.BUSY, RUN, 40)
+    watchdog.heartbeat(5, "classifier", NodeState.BUSY, RUN, 40)
+    watchdog.heartbeat(5, "classifier", NodeState.STARTING, RUN, 50)  # not for the same reason
+    assert watchdog.stuck(51 + STUCK_S, {4, 5, 9}) == {5}

@@ -264,7 +264,7 @@ def changed(run, kind, station, other, place):
     """Do something to the bag of a station."""
     bag = run / "bag" / station
     path = bag / f"{station}_0.mcap"
-    if not path.exists():
+    if not path.exists() or (station == other and kind in ("copied", "exchanged")):
         return
     match kind:
         case "lost":

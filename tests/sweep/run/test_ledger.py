@@ -193,6 +193,19 @@ def test_a_block_that_only_waits_for_the_disk_is_not_computed_again_at_once() ->
     assert [d.attempt for d in dispatches(ledger.handle(L.Tick(), 2 + L.DISK_S))] == [2]
 
 
+def test_a_block_on_the_disk_of_which_an_answer_was_lost_is_due_again_however_often_the_recorder_says_so() -> None:
+    ledger = Ledger(1, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.Finished("a", 0, 1), 0)
+    sent = []
+    for second in range(3 * round(L.STALE_S)):
+        ledger.handle(L.OnDisk(0), second)
+        sent += dispatches(ledger.handle(L.Tick(), second))
+    assert [d.attempt for d in sent] == [2]
+    answer(ledger, 0, 100)
+    assert ledger.finished
+
+
 def test_resume_takes_the_entries_that_the_bag_made() -> None:
     records = [
         {"event": "done", "block": 0},
