@@ -46,8 +46,8 @@ lint: setup-tests
 types: setup-tests
 	$(VENV)/mypy
 
-# Tests run two at a time, those of a file in one process; what is marked alone comes afterwards. `make test TWO=`
-# runs them one at a time. With ARGS there may be none of a kind (5).
+# Tests run two at a time, those of a file in one process; what is marked alone, as tests with a graph are, comes
+# afterwards. `make test TWO=` runs all one at a time. With ARGS there may be none of a kind (5).
 PYTEST := $(VENV)/python -m pytest --durations 20 --durations-min 5
 TWO := --numprocesses 2 --dist loadfile
 NONE := $(if $(ARGS),|| test $$? = 5)

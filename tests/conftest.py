@@ -36,6 +36,23 @@ def root() -> Path:
     return ROOT
 
 
+GRAPHS = ("own_domain", "sweeping", "run_sweep")
+"""Names of tests/support by which a module starts graphs."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let tests with a graph run one at a time.
+
+    All graphs of a machine share the numbers of ports in shared memory, whatever their domains. While the nodes of one
+    are killed and what they leave is removed, another one that just starts may get a port that does not work.
+    """
+    for item in items:
+        fixtures, module = getattr(item, "fixturenames", ()), getattr(item, "module", None)
+        if {"ros_domain", "graph"} & set(fixtures) or any(hasattr(module, name) for name in GRAPHS):
+            item.add_marker(pytest.mark.alone)
+
+
 def participants() -> int:
     """Return how many DDS participants this process has: each has a thread for its events.
 

@@ -19,7 +19,6 @@ def test_the_sweep_goes_on_by_itself_after_a_kill(role: str, undisturbed: Path, 
     assert orphans(run) == []
 
 
-@pytest.mark.alone  # files of ports are anybody's: other graphs would use them again
 def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_path: Path) -> None:
     others = Path(f"/dev/shm/fastrtps_{os.getpid():016x}_el")  # not ours: nobody of the graph had it open
     others.touch()
@@ -73,7 +72,6 @@ def test_a_killed_supervisor_takes_its_processes_with_it(undisturbed: Path, tmp_
     assert_gone_on_with(run, undisturbed)
 
 
-@pytest.mark.alone
 def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--out", str(run)) as sweep:

@@ -58,7 +58,6 @@ def test_a_node_ends_that_gets_a_signal_while_it_handles_one(ros_domain: int) ->
             process.kill()
 
 
-@pytest.mark.alone
 def test_a_node_ends_although_dds_does_not_shut_down(ros_domain: int) -> None:
     with start(NODE, LIVE, hangs_s=60) as process:
         process.send_signal(signal.SIGTERM)

@@ -122,7 +122,6 @@ def test_a_dashboard_that_is_killed_again_and_again_is_left_out(tmp_path: Path) 
 
 
 @pytest.mark.full
-@pytest.mark.alone
 def test_a_dashboard_whose_disk_is_full_is_named_once_and_does_not_delay_the_end(tmp_path: Path) -> None:
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--out", str(run)) as sweep:
@@ -140,7 +139,6 @@ def test_a_dashboard_whose_disk_is_full_is_named_once_and_does_not_delay_the_end
 
 
 @pytest.mark.full
-@pytest.mark.alone
 def test_a_dashboard_that_hangs_delays_the_end_by_a_limit_that_is_printed(tmp_path: Path) -> None:
     run = tmp_path / "run"
     with sweeping(run, *SMALL, "--periods", "2000", "--out", str(run)) as sweep:

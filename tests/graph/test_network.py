@@ -19,7 +19,7 @@ from domains import own_domain
 from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, bow, run_sweep, sweeping, verified
 from machines import ADDRESSES, FAR, NEAR, Machines, machines
 
-pytestmark = [pytest.mark.full, pytest.mark.alone, pytest.mark.usefixtures("ros_domain")]
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
 LONG = ["fig11d", "--nx", "64", "--ny", "96", "--set", "block_cells=32"]
 """6144 cells in 192 blocks: enough that a simulator that comes late, on a busy machine, gets its share."""

@@ -11,7 +11,7 @@ import psutil
 import pytest
 from graph import Sweep, assert_same_map, dead_files, orphans, run_sweep, sweeping, verified
 
-pytestmark = [pytest.mark.full, pytest.mark.alone, pytest.mark.usefixtures("ros_domain")]
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
 LONG = ["fig11d", "--nx", "64", "--ny", "32", "--set", "block_cells=16"]
 """2048 cells in 128 blocks."""

@@ -147,7 +147,6 @@ def test_a_bag_that_is_played_into_a_live_namespace_changes_nothing_and_is_count
     ],
     ids=["remapped", "sim_time"],
 )
-@pytest.mark.alone
 def test_whatever_topics_and_clocks_are_called_the_sweep_goes_on_and_its_bag_is_found(
     arguments: Sequence[str], undisturbed: Path, tmp_path: Path
 ) -> None:

@@ -16,7 +16,7 @@ import pytest
 from domains import own_domain
 from graph import Sweep, assert_same_map, run_sweep, sweeping, verified
 
-pytestmark = [pytest.mark.full, pytest.mark.alone, pytest.mark.usefixtures("ros_domain")]
+pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
 LONG = ["fig11d", "--nx", "32", "--ny", "16", "--periods", "200", "--set", "block_cells=16"]
 """512 cells in 32 blocks: some seconds."""
