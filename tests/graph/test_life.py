@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
 from graph import orphans
 
 from bow_sweep.record.verify import verify
