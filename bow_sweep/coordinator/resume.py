@@ -295,7 +295,8 @@ def _differences(
         where = survey.at(block)
         if state == "done" and lacks:
             events.append({"event": "reopened", "block": block, "attempt": attempt, "why": lacks})
-        elif state != "done" and not lacks:
+        elif state != "done" and not lacks and (not where.get("station") or survey.is_receipted(block)):
+            # The recorder of a station that is not there any more gives no receipt: such a block is computed again.
             why = "found complete in the bag"
             events.append({"event": "done", "block": block, "attempt": attempt, **where, "why": why})
         elif state == "done" and stations[block] != where.get("station", ""):

@@ -168,6 +168,10 @@ class RunSurvey(Survey):
         """Return whether a block was done where its bag is not here."""
         return block in self.unseen.get(self.counts_from.get(block, ""), ())
 
+    def is_receipted(self, block: int) -> bool:
+        """Return whether the bag from which a block counts says that all of it is on the disk."""
+        return (ReceiptKind.BLOCK, block, 0) in self.receipts
+
     def version_of(self, block: int) -> int:
         """Return the version of the bag from which a block counts."""
         bag = self.bags.get(self.counts_from.get(block, ""))
