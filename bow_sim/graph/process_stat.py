@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -25,8 +26,7 @@ class ProcessStat(NamedTuple):
 def read_stat(pid: int) -> ProcessStat | None:
     """Return what the kernel reports of a process; None where there is no process with this number."""
     try:
-        with open(f"/proc/{pid}/stat", errors="replace") as file:  # pathlib takes twice as long
-            text = file.read()
+        text = Path(f"/proc/{pid}/stat").read_text(errors="replace")
     except OSError:
         return None
     fields = text.rpartition(")")[2].split()  # field 2, the name in parentheses, may contain spaces

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -71,9 +70,6 @@ or Foxglove. The state of all nodes is on /diagnostics, once a second.
 """
 
 DIAGNOSTICS_S = 1.0
-
-PREPARE_S = 10.0
-"""At the end the thread that imports libraries has this long to finish."""
 
 
 class CoordinatorNode(BowNode):
@@ -150,9 +146,8 @@ class CoordinatorNode(BowNode):
                 given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        self._preparing: threading.Thread | None = None
+        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
         if given is None:
-            prepare()
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
             self._handle(given)
@@ -177,16 +172,8 @@ class CoordinatorNode(BowNode):
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
         return RunGiven(Run.create(directory.absolute(), identity, sweep, self._locks))
 
-    def _prepare(self) -> None:
-        """Import what the results need in a thread, while the first blocks are computed: no block waits for that."""
-        if self._preparing is None:
-            self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
-            self._preparing.start()
-
     def close(self) -> None:
         """Release the run directory."""
-        if self._preparing is not None:
-            self._preparing.join(PREPARE_S)  # Python must not end while a thread imports
         self._chooser.close()
         self._session.close()
 
@@ -283,8 +270,6 @@ class CoordinatorNode(BowNode):
                 self._goals.pop(goal).execute()
             case SetState(state, detail, run_id):
                 self.set_state(state, detail, run_id)
-                if state == Health.BUSY:
-                    self._prepare()
             case Log("error", line):  # rclpy wants one line of code for each severity
                 self.get_logger().error(line)
             case Log("warning", line):

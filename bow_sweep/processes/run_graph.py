@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import json
 import os
@@ -10,13 +9,11 @@ import time
 from functools import partial
 from pathlib import Path
 
-from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.inspected import spread_cells
 from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
-from bow_sweep.processes.roles import MODULES
 from bow_sweep.processes.supervisor import Supervisor
 from bow_sweep.run.directory import REPORT, RunError, is_finished, read_ledger
 from bow_sweep.view.viewer import Screen
@@ -25,10 +22,6 @@ LOGS = "log"
 AT_ONCE, BETWEEN_S = 8, 0.1
 """This many simulators, or one for each core if that is more, start at once; the others at this interval. Each uses a
 whole core while it starts."""
-
-
-AT_END = ("scipy.ndimage",)
-"""What both the coordinator and this process need at the end."""
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
@@ -110,7 +103,7 @@ def run_graph(
         "dashboard": {"run_dir": str(directory), "inspect": inspected_cells(sweep)},
         "simulator": {"inspect": inspected_cells(sweep)},
     }
-    if screen is not None and screen.uri:
+    if is_watched := screen is not None and bool(screen.uri):
         parameters["dashboard"]["connect"] = screen.uri
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
     places = numbered(stations)
@@ -118,16 +111,13 @@ def run_graph(
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            with interrupts.immediate():
-                supervisor.load(MODULES["recorder"])
+            supervisor.start("coordinator")
             for station in places:
                 supervisor.start("recorder", station)
-            if dashboard:  # it has much to import, and does that on another core
+            if dashboard and is_watched:  # somebody waits for the picture
                 supervisor.start("dashboard")
             with interrupts.immediate():
                 load_compiled(sweep)
-                supervisor.load(*(MODULES[role] for role in ("coordinator", "classifier", "simulator")), *AT_END)
-            supervisor.start("coordinator")
             for station in places:
                 supervisor.start("classifier", station)
             for number in range(simulators):
@@ -135,7 +125,9 @@ def run_graph(
                     time.sleep(BETWEEN_S)
                     interrupts.check()
                 supervisor.start("simulator", places[number % stations])
-            # Imported here because it loads ROS, which the supervisor must do itself before it forks.
+            if dashboard and not is_watched:  # last: no other process waits for it
+                supervisor.start("dashboard")
+            # Imported here because it loads ROS: a process with DDS entities must not be forked.
             from bow_sweep.processes.supervisor_node import watch
 
             gc.enable()
@@ -150,15 +142,10 @@ def run_graph(
 
 
 def load_compiled(sweep: Sweep) -> None:
-    """Load the compiled kernel and classifier, or compile them, and compute the fingerprint of the sweep.
-
-    Processes forked later have all this already.
-    """
+    """Load the compiled kernel and classifier, or compile them: processes forked later have them already."""
     from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
     from bow_sim.physics.kinds import common
 
     Block(*common(sweep.parameters, sweep.lanes(sweep.block(0)))[:2]).advance()
     precompile()
-    with contextlib.suppress(ParameterError):  # the coordinator reports it
-        _ = sweep.fingerprint

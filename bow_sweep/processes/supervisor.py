@@ -162,26 +162,10 @@ class Supervisor:
         self.left_out: list[Path] = []
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
-        self._ros_is_unused = False
         logs.mkdir(parents=True, exist_ok=True)
         remove_leftovers()
         self._logs_before = os.environ.get(ROS_LOGS)
         os.environ[ROS_LOGS] = str(logs.resolve())  # for the nodes of this process and of its children
-
-    def load(self, *modules: str) -> None:
-        """Import modules that nodes need, and ROS with them, so that the processes forked later have them.
-
-        To import ROS makes no threads and no DDS entities. Where others have imported it already, nothing is done:
-        they may have made some.
-        """
-        if self._ros_is_unused or "rclpy" not in sys.modules:
-            self._ros_is_unused = True
-            for module in modules:
-                importlib.import_module(module)
-
-    def stop_forking(self) -> None:
-        """Start processes as commands from now on: call it before DDS entities are made, which must not be copied."""
-        self._ros_is_unused = False
 
     def start(self, role: str, station: str = "") -> Child:
         """Start a process, in a station. Each simulator gets a new name: nobody takes one for its predecessor."""
@@ -194,8 +178,7 @@ class Supervisor:
         environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         nice = 0 if self.screen.process else NICE.get(role, 0)
         process: Process
-        may_fork = self._ros_is_unused or "rclpy" not in sys.modules
-        if may_fork and threading.active_count() == 1:  # a copy would lack the other threads
+        if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack the other threads
             process = Forked(partial(_run_node, nice, name, command, environment), log)
         else:
             python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import math
 import os
 import time
 from collections import Counter
@@ -35,9 +34,6 @@ from bow_sweep.view.wanted import NOTE
 
 SUSPENDED_S = 5.0
 """After this process was stopped for so long in all, DDS may have lost its connections."""
-
-LOOK_S = 0.2
-"""Between two looks at what each process uses: they took most of the supervisor's time when each message led to one."""
 
 MENTIONED_S = 5.0
 """What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
@@ -174,7 +170,6 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
     KeyboardInterrupt
         After Ctrl-C or SIGTERM.
     """
-    supervisor.stop_forking()
     apply_defaults()
     gc.freeze()  # modules stay loaded: collections need not look at them
     try:
@@ -249,7 +244,6 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
     """Spin until the coordinator has finished; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
     seen = graph.seen
-    looked = -math.inf
     while True:
         graph.spin(0.05)
         interrupts.check()
@@ -265,9 +259,7 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         if seen.watchdog.must_join_again(seen.awake.now()):
             display.print_line("the coordinator is not heard any more: joining the graph again")
             graph.join()
-        if (now := time.monotonic()) - looked >= LOOK_S:
-            looked = now
-            restart_unresponsive(supervisor, seen, display.print_line, restarts)
+        restart_unresponsive(supervisor, seen, display.print_line, restarts)
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:
             supervisor.release(("simulator", "classifier"))
@@ -275,7 +267,7 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
             raise GraphError(seen.failed)
         if problem := supervisor.screen.problem():
             display.print_line(problem)
-        display.show(seen.progress, seen.details.get("coordinator", ""), now)
+        display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
 
 
 def print_news(seen: Observed, display: Display) -> None:

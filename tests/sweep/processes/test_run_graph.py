@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-import threading
 from pathlib import Path
 
 import pytest
 
-from bow_sim.block_request import fingerprint_of
-from bow_sim.kernel import fingerprint
 from bow_sweep.cli.sweep import bounded
-from bow_sweep.plan.sweep import Sweep
-from bow_sweep.processes import supervisor as supervisor_module
 from bow_sweep.processes.fork import UNKNOWN, Process
-from bow_sweep.processes.run_graph import has_finished, load_compiled
+from bow_sweep.processes.run_graph import has_finished
 from bow_sweep.processes.supervisor import ROS_LOGS, Child, Exit, Supervisor
 from bow_sweep.run.directory import LEDGER, REPORT
 
@@ -90,69 +84,3 @@ def test_the_nodes_of_a_supervisor_log_where_those_of_its_children_do(
 @pytest.mark.parametrize(("asked", "cores", "started"), [(2, 2, 2), (64, 2, 16), (64, 64, 64), (128, 128, 64)])
 def test_the_number_of_simulators_is_limited(asked: int, cores: int, started: int) -> None:
     assert bounded(asked, cores) == started
-
-
-@pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """How processes were started, none of them really."""
-    how: list[str] = []
-
-    def made(kind: str) -> object:
-        def make(*_: object) -> Process:
-            how.append(kind)
-            process = Process(os.getpid())
-            process.returncode = 0
-            return process
-
-        return make
-
-    class Cleaner:
-        has_exited = False
-
-        def __init__(self, *_: object) -> None: ...
-
-        def watch(self, pid: int) -> None: ...
-
-        def close(self, _: float) -> None: ...
-
-    for name, value in (("Forked", made("fork")), ("Spawned", made("command")), ("ShmCleaner", Cleaner)):
-        monkeypatch.setattr(supervisor_module, name, value)
-    monkeypatch.setattr(threading, "active_count", lambda: 1)
-    return how
-
-
-def test_nodes_are_copies_that_have_ros_loaded_until_the_supervisor_uses_it(
-    tmp_path: Path, started: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delitem(sys.modules, "rclpy", raising=False)
-    supervisor = Supervisor("/bow/x", tmp_path / "log", {})
-    supervisor.start("recorder")
-    supervisor.load("json")
-    monkeypatch.setitem(sys.modules, "rclpy", os)  # as if a module had imported it
-    supervisor.load("json")
-    supervisor.start("coordinator")
-    supervisor.stop_forking()
-    supervisor.start("simulator")
-    supervisor.stop(idle=True)
-    assert started == ["fork", "fork", "command"]
-
-
-def test_where_others_may_have_used_ros_no_node_is_a_copy(
-    tmp_path: Path, started: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "rclpy", os)
-    supervisor = Supervisor("/bow/x", tmp_path / "log", {})
-    supervisor.load("no.such.module")
-    supervisor.start("recorder")
-    supervisor.stop(idle=True)
-    assert started == ["command"]
-
-
-def test_coordinator_and_simulators_find_the_fingerprint_computed() -> None:
-    settings = ("model=delta_cremer", "x.count=8", "y.count=8", "periods=20")
-    fingerprint._fingerprint.cache_clear()
-    load_compiled(Sweep.from_spec("", settings))
-    assert fingerprint._fingerprint.cache_info().misses == 1
-    again = Sweep.from_spec("", settings)
-    assert fingerprint_of(tuple(again.settings())) == again.fingerprint
-    assert fingerprint._fingerprint.cache_info().misses == 1
