@@ -43,6 +43,11 @@ def check_name(name: str) -> str:
     return name
 
 
+def named(station: str) -> dict[str, str]:
+    """Return how entries and parameters name a station: not at all, if it is the one without a name."""
+    return {"station": station} if station else {}
+
+
 def numbered(count: int) -> tuple[str, ...]:
     """Return the stations of a machine that is divided into `count`; one is the station without a name."""
     return ("",) if count == 1 else tuple(f"station_{number}" for number in range(1, count + 1))

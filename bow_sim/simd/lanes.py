@@ -49,6 +49,20 @@ _I64 = ir.IntType(64)
 # Memory
 
 
+def _emit_load(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    """Emit code that reads lanes, or a number, from an array."""
+    array, kind = signature.args[0], context.get_data_type(signature.return_type)
+    return element_aligned(builder.load(pointer(context, builder, array, args[0], args[1], kind)), array)
+
+
+def _emit_store(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    """Emit code that writes lanes, or a number, into an array."""
+    array, _, value = signature.args
+    place = pointer(context, builder, array, args[0], args[1], context.get_data_type(value))
+    element_aligned(builder.store(args[2], place), array)
+    return context.get_dummy_value()
+
+
 @intrinsic
 def load(typingctx: Any, array: Any, index: Any) -> Any:
     """Read eight neighbouring elements of a C-contiguous array, from a flat index on."""
@@ -56,10 +70,7 @@ def load(typingctx: Any, array: Any, index: Any) -> Any:
         return None
     lanes = LANES_OF[array.dtype]
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return element_aligned(builder.load(pointer(context, builder, array, args[0], args[1], vector(lanes))), array)
-
-    return lanes(array, types.intp), codegen
+    return lanes(array, types.intp), _emit_load
 
 
 @intrinsic
@@ -70,13 +81,7 @@ def store(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     if value is not LANES_OF[array.dtype]:
         return None
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        element_aligned(
-            builder.store(args[2], pointer(context, builder, array, args[0], args[1], vector(value))), array
-        )
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, value), codegen
+    return types.void(array, types.intp, value), _emit_store
 
 
 @intrinsic
@@ -85,11 +90,7 @@ def read(typingctx: Any, array: Any, index: Any, like: Any) -> Any:
     if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype is getattr(like, "dtype", like)):
         return None
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = pointer(context, builder, array, args[0], args[1], context.get_data_type(like))
-        return element_aligned(builder.load(place), array)
-
-    return like(array, types.intp, like), codegen
+    return like(array, types.intp, like), _emit_load
 
 
 @intrinsic
@@ -98,12 +99,7 @@ def write(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     if not (isinstance(array, types.Array) and array.layout == "C" and array.dtype is getattr(value, "dtype", value)):
         return None
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        place = pointer(context, builder, array, args[0], args[1], context.get_data_type(value))
-        element_aligned(builder.store(args[2], place), array)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, value), codegen
+    return types.void(array, types.intp, value), _emit_store
 
 
 @intrinsic

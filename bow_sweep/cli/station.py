@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from bow_sim.graph import discovery
-from bow_sim.graph.exposure import TRUST
 from bow_sim.protocol.stations import StationError, check_name
-from bow_sweep.cli.sweep import bounded, cores
+from bow_sweep.cli.sweep import add_no_sync, add_trust, bounded, cores
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, USAGE
 from bow_sweep.processes.new_directory import RUNS
@@ -56,9 +55,7 @@ def add_command(commands: Any) -> None:
         default="",
         help="where the run's machine is: SUBNET, or its name or address (default: on this machine)",
     )
-    parser.add_argument(
-        TRUST, dest="trusted", action="store_true", help="--network also with public addresses: DDS does not encrypt"
-    )
+    add_trust(parser)
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -66,9 +63,7 @@ def add_command(commands: Any) -> None:
         default=RUNS,
         help="directory in which RUN_ID/ is made (default: runs); a station that comes back goes on in it",
     )
-    parser.add_argument(
-        "--no-sync", action="store_true", help="call blocks done before they are on the disk: a power cut may lose some"
-    )
+    add_no_sync(parser)
     parser.add_argument(
         "--no-lock", action="store_true", help="for file systems without locks; see that no other process uses the bag"
     )

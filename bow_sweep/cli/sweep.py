@@ -52,6 +52,20 @@ def bounded(simulators: int, on: int) -> int:
     return min(simulators, MOST_A_CORE * on, MOST)
 
 
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets `--network` reach public addresses."""
+    parser.add_argument(
+        TRUST, dest="trusted", action="store_true", help="--network also with public addresses: DDS does not encrypt"
+    )
+
+
+def add_no_sync(parser: argparse.ArgumentParser) -> None:
+    """Add the option that does without waiting for the disk."""
+    parser.add_argument(
+        "--no-sync", action="store_true", help="call blocks done before they are on the disk: a power cut may lose some"
+    )
+
+
 def add_command(commands: Any) -> None:
     """Add the parser of `sweep`; its default `run` takes the parsed arguments."""
     names, more = (
@@ -132,17 +146,13 @@ def add_command(commands: Any) -> None:
         default="",
         help="let simulators of other machines join: SUBNET, or their names or addresses, separated by commas",
     )
-    parser.add_argument(
-        TRUST, dest="trusted", action="store_true", help="--network also with public addresses: DDS does not encrypt"
-    )
+    add_trust(parser)
     parser.add_argument("--view", action="store_true", help="open the rerun viewer and watch the map grow")
     parser.add_argument(
         "--port", metavar="P", default="0", help="serve the dashboard to `rerun --connect` on P of 127.0.0.1"
     )
     parser.add_argument("--no-dashboard", action="store_true", help="no dashboard node, no dashboard.rrd")
-    parser.add_argument(
-        "--no-sync", action="store_true", help="call blocks done before they are on the disk: a power cut may lose some"
-    )
+    add_no_sync(parser)
     parser.add_argument(
         "--no-lock",
         action="store_true",

@@ -6,6 +6,7 @@ import gc
 import json
 import os
 import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -120,11 +121,7 @@ def run_graph(
                 load_compiled(sweep)
             for station in places:
                 supervisor.start("classifier", station)
-            for number in range(simulators):
-                if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
-                    time.sleep(BETWEEN_S)
-                    interrupts.check()
-                supervisor.start("simulator", places[number % stations])
+            start_simulators(supervisor, simulators, places, interrupts)
             if dashboard and not is_watched:  # last: no other process waits for it
                 supervisor.start("dashboard")
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
@@ -139,6 +136,15 @@ def run_graph(
             if killed:
                 display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")
     return supervisor.left_out
+
+
+def start_simulators(supervisor: Supervisor, count: int, places: Sequence[str], interrupts: Interrupts) -> None:
+    """Start simulators, dealt out evenly to stations."""
+    for number in range(count):
+        if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
+            time.sleep(BETWEEN_S)
+            interrupts.check()
+        supervisor.start("simulator", places[number % len(places)])
 
 
 def load_compiled(sweep: Sweep) -> None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import gc
-import os
-import time
 from pathlib import Path
 
 from bow_sim.protocol.inspected import SPREAD
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
-from bow_sweep.processes.run_graph import AT_ONCE, BETWEEN_S, LOGS
+from bow_sweep.processes.run_graph import LOGS, start_simulators
 from bow_sweep.processes.supervisor import Supervisor
 
 
@@ -62,11 +60,7 @@ def run_station(
 
                 precompile()  # the processes that are forked later have it
             supervisor.start("classifier", station)
-            for number in range(simulators):
-                if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
-                    time.sleep(BETWEEN_S)
-                    interrupts.check()
-                supervisor.start("simulator", station)
+            start_simulators(supervisor, simulators, [station], interrupts)
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
             from bow_sweep.processes.station_watch import watch_station
 

@@ -92,9 +92,7 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         if seen.failed:
             raise GraphError(seen.failed)
         _check_coordinator(supervisor.namespace, seen.coordinator_at, now, began)
-        if seen.watchdog.must_join_again(now):
-            display.print_line("the coordinator is not heard any more: joining the graph again")
-            graph.join()
+        graph.join_if_lost(display.print_line)
         if not seen.closed:
             restart_unresponsive(supervisor, seen, display.print_line, restarts)
         heard = seen.coordinator_at is not None

@@ -18,7 +18,7 @@ from pathlib import Path
 import setproctitle
 
 from bow_sim.graph.shm_notes import SUPERVISED, remove_leftovers
-from bow_sim.protocol.stations import namespace_of
+from bow_sim.protocol.stations import named, namespace_of
 from bow_sweep.processes.exit_status import DONE
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
 from bow_sweep.processes.roles import CHILD, MODULES
@@ -199,8 +199,7 @@ class Supervisor:
     def _arguments(self, role: str, name: str, station: str, of_log: str) -> list[str]:
         namespace = namespace_of(self.namespace, station)
         arguments = ["-r", f"__node:={name}", "-r", f"__ns:={namespace}", "--log-file-name", of_log]
-        place = {"station": station} if station else {}
-        for key, value in {**self.parameters.get(role, {}), **place}.items():
+        for key, value in {**self.parameters.get(role, {}), **named(station)}.items():
             arguments += ["-p", f"{key}:={_yaml(value)}"]
         return arguments
 

@@ -212,6 +212,12 @@ class Connection:
         executor.add_node(node)
         self._made.append((context, executor, node))
 
+    def join_if_lost(self, print_line: Callable[[str], object]) -> None:
+        """Make another node where this one has lost its connections, and tell the user."""
+        if self.seen.watchdog.must_join_again(self.seen.awake.now()):
+            print_line("the coordinator is not heard any more: joining the graph again")
+            self.join()
+
     def spin(self, timeout_s: float) -> None:
         """Take in what comes within a time."""
         self._made[-1][1].spin_once(timeout_sec=timeout_s)
@@ -256,9 +262,7 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
             else:
                 raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(exit_.child.log)}")
         seen.ours = {child.process.pid for child in supervisor.children}
-        if seen.watchdog.must_join_again(seen.awake.now()):
-            display.print_line("the coordinator is not heard any more: joining the graph again")
-            graph.join()
+        graph.join_if_lost(display.print_line)
         restart_unresponsive(supervisor, seen, display.print_line, restarts)
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:

@@ -6,6 +6,7 @@ kept in ``bag_aside/``.
 
 from __future__ import annotations
 
+import filecmp
 import os
 import re
 import shutil
@@ -275,17 +276,7 @@ def _contains(sizes: Mapping[str, int], others: Mapping[str, int]) -> bool:
 def _equal(one: Path, other: Path) -> bool:
     """Return whether two bags have the same files."""
     names = [[path.name for path in bag_files(bag)] for bag in (one, other)]
-    return names[0] == names[1] and all(_same(one / name, other / name) for name in names[0])
-
-
-def _same(one: Path, other: Path) -> bool:
-    if one.stat().st_size != other.stat().st_size:
-        return False
-    with open(one, "rb") as first, open(other, "rb") as second:
-        while piece := first.read(PIECE):
-            if piece != second.read(PIECE):
-                return False
-    return True
+    return names[0] == names[1] and all(filecmp.cmp(one / name, other / name, shallow=False) for name in names[0])
 
 
 def _is_closed(path: Path) -> bool:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from bow_sim.protocol import stations
 from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
 from bow_sweep.record.bag import bag_files, bag_of, bags_in, run_of_bag, station_of_bag
 from bow_sweep.record.bag_contents import MAX_PROBLEMS, Key, Progress, RunIdentity, Survey
@@ -128,7 +129,7 @@ class RunSurvey(Survey):
             bag = self.bags[named]
             lacks = bag.lacks(block) if bag.expected else "it holds no plan"
             what = f"was done at {in_words(named)}, whose bag lacks it ({lacks}); that of {in_words(station)} has it"
-            self.problem(what, block=block, **_place(named))
+            self.problem(what, block=block, **stations.named(named))
 
     def _take_blocks(self, station: str, bag: Survey) -> None:
         """Take in what counts from a bag."""
@@ -156,13 +157,13 @@ class RunSurvey(Survey):
                     checksum, before = known.setdefault((topic, key), (message.checksum, station))
                     if checksum != message.checksum:
                         what = f"{topic} is {message.checksum:016x}, at {in_words(before)} {checksum:016x}"
-                        self.problem(what, block=key[0], chunk=key[1], **_place(station))
+                        self.problem(what, block=key[0], chunk=key[1], **stations.named(station))
 
     # ---- reading
 
     def at(self, block: int) -> dict[str, str]:
         """Return the station of a block as the place of a problem; empty for that of the coordinator's machine."""
-        return _place(self.counts_from.get(block, ""))
+        return stations.named(self.counts_from.get(block, ""))
 
     def is_unseen(self, block: int) -> bool:
         """Return whether a block was done where its bag is not here."""
@@ -250,10 +251,6 @@ def _blocks_in(bag: Survey) -> dict[int, int]:
 
 def _named(station: str, file: Any) -> Any:
     return dataclasses.replace(file, name=f"{station}/{file.name}") if station else file
-
-
-def _place(station: str) -> dict[str, str]:
-    return {"station": station} if station else {}
 
 
 def _placed(station: str, problem: dict[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from bow_sim.protocol.stations import named
 from bow_sweep.run.ledger_events import (
     ConsumerRestarted,
     Dispatch,
@@ -271,7 +272,7 @@ class Ledger:
         block.discard_answers()
         block.judged_before.clear()
         self._open.discard(number)
-        entry = {"event": state.value, "block": number, "attempt": block.attempt, **_named(block.station)}
+        entry = {"event": state.value, "block": number, "attempt": block.attempt, **named(block.station)}
         out.append(Record({**entry, "why": why} if why else entry))
         out.append(Settled(number, state, why))
 
@@ -310,7 +311,7 @@ class Ledger:
     def _restart(self, role: str, station: str, out: list[Instruction]) -> None:
         """Have the blocks of a station sent again, in a new epoch: that of the run if no other station is at work."""
         self.epoch += 1
-        out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch, **_named(station)}))
+        out.append(Record({"event": "restarted", "role": role, "epoch": self.epoch, **named(station)}))
         alone = all(other == station for other in self._station.values())
         for simulator, held in self.in_flight.items():
             if alone or self._station[simulator] == station:
@@ -360,13 +361,8 @@ class Ledger:
             block.attempt += 1
             self.in_flight[simulator].append(number)
             entry = {"event": "dispatched", "block": number, "attempt": block.attempt}
-            entry |= {"epoch": self.epoch_at(station), "simulator": simulator, **_named(station)}
+            entry |= {"epoch": self.epoch_at(station), "simulator": simulator, **named(station)}
             out.append(Record(entry))
             out.append(Dispatch(number, block.attempt, simulator))
         for number in postponed:
             heapq.heappush(self._due, number)
-
-
-def _named(station: str) -> dict[str, str]:
-    """Return what an entry says of the station; nothing for the one without a name."""
-    return {"station": station} if station else {}

@@ -113,9 +113,7 @@ def _watch(
             print_line(line)
         seen.news.clear()
         seen.ours = {child.process.pid for child in supervisor.children}
-        if seen.watchdog.must_join_again(seen.awake.now()):
-            print_line("the coordinator is not heard any more: joining the graph again")
-            connection.join()
+        connection.join_if_lost(print_line)
         restart_unresponsive(supervisor, seen, print_line, restarts, stays=True)
         needed = {child.process.pid for child in supervisor.children if child.role not in SPECTATORS}
         if not ready and needed <= seen.heard:

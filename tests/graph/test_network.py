@@ -1,7 +1,6 @@
 """A sweep on two machines, one of which holds only simulators; and one that no other machine hears or reaches."""
 
 import contextlib
-import json
 import os
 import re
 import shutil
@@ -16,7 +15,18 @@ from pathlib import Path
 import psutil
 import pytest
 from domains import own_domain
-from graph import PATIENCE_S, SMALL, Sweep, assert_same_map, bow, run_sweep, sweeping, verified
+from graph import (
+    PATIENCE_S,
+    SMALL,
+    Sweep,
+    assert_same_map,
+    bow,
+    entries_of,
+    run_sweep,
+    stations_of,
+    sweeping,
+    verified,
+)
 from machines import ADDRESSES, FAR, NEAR, Machines, machines
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
@@ -50,20 +60,6 @@ def computed_by(run: Path) -> Counter[str]:
     entries = entries_of(run)
     hands = {(e["block"], e["attempt"]): e["simulator"] for e in entries if e["event"] == "dispatched"}
     return Counter(hands[e["block"], e["attempt"]] for e in entries if e["event"] == "done")
-
-
-def stations_of(run: Path) -> Counter[str]:
-    """Return how many blocks each station has done, by the ledger."""
-    return Counter(e.get("station", "") for e in entries_of(run) if e["event"] == "done")
-
-
-def entries_of(run: Path) -> list[dict]:
-    """Return the entries of a ledger; its last line may be half written."""
-    entries, ledger = [], run / "ledger.jsonl"
-    for line in ledger.read_text().splitlines() if ledger.exists() else []:
-        with contextlib.suppress(ValueError):
-            entries.append(json.loads(line))
-    return entries
 
 
 def hold_until(sweep: Sweep, there_are_others: Callable[[], bool]) -> None:

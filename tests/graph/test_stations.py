@@ -1,21 +1,19 @@
 """Several stations in a run: one loses its recorder; one comes late, is killed whole, comes back and leaves."""
 
 import contextlib
-import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
 import pytest
 from domains import own_domain
-from graph import PATIENCE_S, Sweep, assert_same_map, orphans, run_sweep, sweeping, verified
+from graph import PATIENCE_S, Sweep, assert_same_map, orphans, run_sweep, stations_of, sweeping, verified
 
 from bow_sim.graph.shm_files import files_of
 from bow_sweep.record.bag import station_bags
@@ -31,17 +29,6 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sweep on one station."""
     with own_domain():
         return run_sweep(tmp_path_factory.mktemp("alone") / "run", *MANY)
-
-
-def done_by(run: Path) -> Counter[str]:
-    """Return how many blocks each station has done; the last line of a ledger may be half written."""
-    found: Counter[str] = Counter()
-    for line in (run / "ledger.jsonl").read_text().splitlines():
-        with contextlib.suppress(ValueError):
-            entry = json.loads(line)
-            if entry["event"] == "done":
-                found[entry.get("station", "")] += 1
-    return found
 
 
 class Station:
@@ -66,7 +53,7 @@ class Station:
 
         def is_there() -> bool:
             assert self.process.poll() is None, self.output.read_text()
-            return done_by(self.sweep.directory)[name] > more_than
+            return stations_of(self.sweep.directory)[name] > more_than
 
         self.sweep.wait_until(is_there)
 
@@ -88,14 +75,14 @@ def station(name: str, sweep: Sweep, out: Path) -> Iterator[Station]:
 def test_two_stations_of_a_machine_give_the_same_map_though_one_loses_its_recorder(alone: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     with sweeping(run, *MANY, "--simulators", "2", "--stations", "2", "--out", str(run)) as sweep:
-        sweep.wait_until(lambda: (run / "ledger.jsonl").exists() and len(done_by(run)) == 2)
+        sweep.wait_until(lambda: (run / "ledger.jsonl").exists() and len(stations_of(run)) == 2)
         (recorder,) = [one for one in sweep.children("recorder") if "/station_1" in " ".join(one.cmdline())]
         recorder.kill()
         assert sweep.wait() == 0, sweep.text
     assert "station_1/recorder ended (killed by SIGKILL), starting it again" in sweep.text
     assert orphans(run) == []
     assert set(station_bags(run)) == {"station_1", "station_2"}
-    assert set(done_by(run)) == {"station_1", "station_2"}
+    assert set(stations_of(run)) == {"station_1", "station_2"}
     report = verified(run)
     assert (report["cells"], report["unseen"]) == (4096, {})
     assert report["verdicts_equal"] == report["verdicts"] == report["chunks_planned"]
@@ -116,7 +103,7 @@ def test_a_station_comes_late_is_killed_whole_comes_back_and_leaves(alone: Path,
             for process in family:
                 process.kill()
             lab.process.wait()
-        before = done_by(run)["lab"]
+        before = stations_of(run)["lab"]
         assert before < BLOCKS - 20, "the machine is too fast for this sweep"
         with station("lab", sweep, out) as lab:
             lab.wait_for_blocks("lab", before)
@@ -130,7 +117,7 @@ def test_a_station_comes_late_is_killed_whole_comes_back_and_leaves(alone: Path,
         own.send_signal(signal.SIGCONT)
         assert sweep.wait() == 0, sweep.text
     assert_same_map(alone, run)
-    shares = done_by(run)
+    shares = stations_of(run)
     assert sum(shares.values()) == BLOCKS
     assert set(shares) == {"", "lab"}
     assert f"not seen: {shares['lab']} blocks of station lab" in sweep.text

@@ -9,8 +9,10 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -113,6 +115,20 @@ def verified(directory: Path) -> dict:
     report: dict = json.loads(json.dumps(verify(directory)))
     assert report["ok"], json.dumps(report, indent=2)
     return report
+
+
+def stations_of(run: Path) -> Counter[str]:
+    """Return how many blocks each station has done, by the ledger."""
+    return Counter(e.get("station", "") for e in entries_of(run) if e["event"] == "done")
+
+
+def entries_of(run: Path) -> list[dict[str, Any]]:
+    """Return the entries of a ledger; its last line may be half written."""
+    entries, ledger = [], run / "ledger.jsonl"
+    for line in ledger.read_text().splitlines() if ledger.exists() else []:
+        with contextlib.suppress(ValueError):
+            entries.append(json.loads(line))
+    return entries
 
 
 def map_of(directory: Path) -> dict[str, np.ndarray]:
