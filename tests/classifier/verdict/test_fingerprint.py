@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 
 import numba
+from compiled import keep_code_in
 from numba.core.dispatcher import Dispatcher
 from sources import made_of
 
@@ -29,7 +30,7 @@ NO_SOURCES = {
 
 
 def test_numba_keeps_a_function_for_the_version_that_it_holds(monkeypatch, tmp_path):
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    keep_code_in(tmp_path, monkeypatch)
 
     def build(version):
         @numba.njit(cache=True)

@@ -10,6 +10,7 @@ from types import ModuleType
 
 import numba
 import pytest
+from compiled import keep_code_in
 
 from bow_sim.simd import code_cache
 from bow_sim.simd.code_cache import Announcer, CodeCache
@@ -30,7 +31,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     (tmp_path / "code" / "mine.py").write_text(SOURCE)
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    keep_code_in(None, monkeypatch)
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
     yield tmp_path
@@ -91,7 +92,7 @@ def test_where_the_sources_are_anothers_it_is_kept_in_the_next_place(place, monk
     refuse(monkeypatch, place / "code")
     (place / "own").mkdir()
     if name == "NUMBA_CACHE_DIR":
-        monkeypatch.setattr(numba.config, "CACHE_DIR", str(place / "own"))
+        keep_code_in(place / "own", monkeypatch)
     elif name:
         monkeypatch.setenv(name, str(place / "own"))
     assert compiled_anew(place)
