@@ -23,7 +23,7 @@ from bow_sim.protocol.inspected import SPREAD
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.exit_status import DONE, FAILED
 from bow_sweep.processes.interrupts import Interrupts
-from bow_sweep.processes.run_graph import load_compiled
+from bow_sweep.processes.run_graph import load_compiled, load_measures
 from bow_sweep.processes.supervisor import GraphError, Supervisor
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.lock import take
@@ -115,14 +115,15 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            for role in ("coordinator", "recorder"):
-                supervisor.start(role)
+            supervisor.start("recorder")
             with interrupts.immediate():
-                load_compiled(Sweep.from_spec("", SMALL))
-            for role in ("classifier", *["simulator"] * options["simulators"]):
-                supervisor.start(role)
+                load_measures()
             if options["dashboard"]:
                 supervisor.start("dashboard")
+            with interrupts.immediate():
+                load_compiled(Sweep.from_spec("", SMALL))
+            for role in ("coordinator", "classifier", *["simulator"] * options["simulators"]):
+                supervisor.start(role)
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
             from bow_sweep.standing.watch import watch
 
