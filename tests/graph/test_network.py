@@ -14,6 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from compose import compose_services
 from domains import own_domain
 from graph import (
     PATIENCE_S,
@@ -285,6 +286,36 @@ def hold_until_lab_works(sweep: Sweep, resumed: int) -> psutil.Process:
 
     sweep.wait_until(works)
     return own
+
+
+def test_the_containers_to_try_are_a_sweep_with_a_station(
+    two: Machines, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their very commands, each on a machine of its own, with the folder that is their volume."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    services = compose_services()
+    entry = services["try-sweep"]["entrypoint"]
+    assert entry[:2] == ["bow", "sweep"]
+    station = [*services["try-station"]["entrypoint"], *services["try-station"]["command"]]
+    is_healthy = services["try-sweep"]["healthcheck"]["test"][1:]
+    run = tmp_path / "runs" / "try"
+    with sweeping(run, *LONG, *entry[2:], outer=two.command(NEAR)) as sweep:
+        sweep.wait_until(lambda: subprocess.run(is_healthy, check=False).returncode == 0)
+        with open(tmp_path / "far.log", "wb") as output:
+            far = subprocess.Popen(two.command(FAR, *station), stdout=output, stderr=output)
+        try:
+            hold_until(sweep, lambda: "far" in stations_of(run))
+            assert sweep.wait() == 0, sweep.text
+            assert far.wait(PATIENCE_S) == 0, (tmp_path / "far.log").read_text()
+        finally:
+            if far.poll() is None:
+                far.send_signal(signal.SIGINT)
+                far.wait(PATIENCE_S)
+    assert_same_map(alone, run)
+    (made,) = (tmp_path / "runs" / "stations").iterdir()
+    assert bow("collect", str(run), str(made)).returncode == 0
+    assert verified(run)["unseen"] == {}
 
 
 def start_station(name: str, two: Machines, where: int, sweep: Sweep) -> "subprocess.Popen[bytes]":
