@@ -27,6 +27,7 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, AwakeClock, Neighbour
 from bow_sim.protocol.stations import namespace_of
 from bow_sweep.processes.interrupts import Interrupts
+from bow_sweep.processes.leader import Leader
 from bow_sweep.processes.progress import Display, Progress
 from bow_sweep.processes.supervisor import SPECTATORS, Exit, GraphError, Supervisor, tail
 from bow_sweep.processes.watchdog import RESTARTS, STALL_S, UNHEARD_S, Watchdog, usage
@@ -69,8 +70,8 @@ class Observed:
         Those of them whose heartbeats have arrived.
     closed
         The plan is closed: nothing more will be simulated.
-    coordinator_at
-        When the coordinator of another machine was heard last; for a station.
+    leader
+        The coordinator on another machine; for a station.
     waits
         What the coordinator waits for, and since when.
     """
@@ -85,7 +86,7 @@ class Observed:
     ours: set[int] = field(default_factory=set)
     heard: set[int] = field(default_factory=set)
     closed: bool = False
-    coordinator_at: float | None = None
+    leader: Leader = field(default_factory=Leader)
     waits: tuple[str, float] = ("", 0.0)
 
     def note_waiting(self, what: str, now: float) -> None:
@@ -263,6 +264,7 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
             elif exit_.status == 0:
                 return
             else:
+                graph.report_exit(exit_)  # stations on other machines need not wait until they miss it
                 raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(exit_.child.log)}")
         seen.ours = {child.process.pid for child in supervisor.children}
         graph.join_if_lost(display.print_line)

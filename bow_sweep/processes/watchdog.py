@@ -179,10 +179,14 @@ class Watchdog:
         self._restart_timeouts(now)
         return True
 
-    def _restart_timeouts(self, now: float) -> None:
+    def pause(self, now: float) -> None:
+        """Restart the timeouts of processes: while their coordinator is away, none can be ready."""
         self._progress = (self._progress[0], now)
         self._starting = {pid: process._replace(since=now) for pid, process in self._starting.items()}
         self._heard = dict.fromkeys(self._heard, now)
+
+    def _restart_timeouts(self, now: float) -> None:
+        self.pause(now)
         pid, heard = self._coordinator
         self._coordinator = (pid, max(heard, now))
 
