@@ -164,7 +164,7 @@ class CoordinatorNode(BowNode):
         self._frozen = given is None
         if given is None:
             prepare()
-            gc.freeze()  # collections, one after each run, need not look at these libraries: a tenth of a second each
+            gc.freeze()  # the collection after each run need not look at these libraries: some hundredths of a second
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
             self._handle(given)
