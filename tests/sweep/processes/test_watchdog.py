@@ -193,6 +193,20 @@ def test_a_coordinator_that_is_stopped_or_computes_is_no_reason_to_join_again(ma
         assert not watchdog.must_join_again(now)
 
 
+def test_while_the_coordinator_is_away_no_process_is_late_but_the_connections_are_looked_after(
+    machine: Machine,
+) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 0)
+    watchdog.heartbeat(1, "recorder", NodeState.STARTING, RUN, 0)
+    for now in range(1, 100):
+        watchdog.pause(now)
+        assert watchdog.stuck(now) == watchdog.unheard([1], now) == set()
+    assert watchdog.must_join_again(99)
+    assert watchdog.stuck(99 + STUCK_S) == set()
+    assert watchdog.stuck(100 + STUCK_S) == {1}
+
+
 def test_a_coordinator_never_heard_is_looked_for_after_a_stop(machine: Machine) -> None:
     watchdog = Watchdog(RUN, machine.usage)
     watchdog.note_stop(50)
