@@ -36,6 +36,9 @@ from bow_sweep.view.wanted import NOTE
 SUSPENDED_S = 5.0
 """After this process was stopped for so long in all, DDS may have lost its connections."""
 
+LOOK_S = 0.1
+"""Least time between two looks at what each process uses: most messages need none."""
+
 MENTIONED_S = 5.0
 """What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
 
@@ -250,7 +253,7 @@ def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts)
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
     """Spin until the coordinator has finished; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
-    seen = graph.seen
+    seen, look_at = graph.seen, 0.0
     while True:
         graph.spin(0.05)
         interrupts.check()
@@ -268,15 +271,19 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
                 raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(exit_.child.log)}")
         seen.ours = {child.process.pid for child in supervisor.children}
         graph.join_if_lost(display.print_line)
-        restart_unresponsive(supervisor, seen, display.print_line, restarts)
+        if (now := time.monotonic()) >= look_at:
+            look_at = now + LOOK_S
+            restart_unresponsive(supervisor, seen, display.print_line, restarts)
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:
             supervisor.release(("simulator", "classifier"))
+            if seen.states.get("coordinator") in (Health.READY, Health.CLOSED):  # all files are complete
+                supervisor.release(("recorder", "dashboard"))
         if seen.failed:
             raise GraphError(seen.failed)
         if problem := supervisor.screen.problem():
             display.print_line(problem)
-        display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
+        display.show(seen.progress, seen.details.get("coordinator", ""), now)
 
 
 def print_news(seen: Observed, display: Display) -> None:

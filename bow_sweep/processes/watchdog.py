@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from pathlib import Path
 from typing import NamedTuple
 
 from bow_sim.graph.process_stat import read_stat
@@ -61,7 +60,8 @@ def usage(pid: int) -> Usage:
     """Return the resources that a process has used so far; zeros where it has exited."""
     stat = read_stat(pid)
     try:
-        lines = Path(f"/proc/{pid}/io").read_text().splitlines()
+        with open(f"/proc/{pid}/io") as file:  # pathlib takes twice as long
+            lines = file.read().splitlines()
     except OSError:
         return Usage()
     if stat is None:
