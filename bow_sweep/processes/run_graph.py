@@ -95,12 +95,10 @@ def run_graph(
     KeyboardInterrupt
         After Ctrl-C or SIGTERM; all processes have been stopped in order.
     """
-    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard, "lock": lock}
-    if resume:
-        coordinator["resume"] = str(directory)
-    else:
-        spec = {"preset": sweep.preset, "settings": list(sweep.settings())}
-        coordinator |= {"run_dir": str(directory), "run_id": run_id, **spec}
+    common: dict[str, object] = {"once": True, "dashboard": dashboard, "lock": lock}
+    again = {**common, "resume": str(directory)}
+    spec = {"preset": sweep.preset, "settings": list(sweep.settings())}
+    coordinator = again if resume else {**common, "run_dir": str(directory), "run_id": run_id, **spec}
     parameters: dict[str, dict[str, object]] = {
         "coordinator": coordinator,
         "recorder": {"run_dir": str(directory), "sync": sync, "lock": lock},
@@ -110,6 +108,7 @@ def run_graph(
     if screen is not None and screen.uri:
         parameters["dashboard"]["connect"] = screen.uri
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
+    supervisor.again = again
     places = numbered(stations)
     finished = False
     gc.disable()  # no garbage arises while modules are imported

@@ -263,6 +263,9 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
                 restart_exited(supervisor, graph, [exit_], display)
             elif exit_.status == 0:
                 return
+            elif exit_.child.process.pid == seen.watchdog.deaf:
+                graph.report_exit(exit_)
+                supervisor.resume(exit_)
             else:
                 graph.report_exit(exit_)  # stations on other machines need not wait until they miss it
                 raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(exit_.child.log)}")
@@ -351,9 +354,12 @@ def restart_unresponsive(
         child = children[pid]
         restarts[child.role] += 1
         why = f"no heartbeat from {child.label}" if pid in unheard else f"{child.label} is not connected to the others"
+        if pid == watchdog.deaf:
+            why = "the coordinator hears neither recorder and classifier nor those that were started after them"
         of_role = sum(other.role == child.role for other in children.values())
         too_often = restarts[child.role] > RESTARTS * of_role and pid in needed
-        if too_often or (child.role == "coordinator" and not stays):
+        goes_on = stays or (pid == watchdog.deaf and bool(supervisor.again))
+        if too_often or (child.role == "coordinator" and not goes_on):
             raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {hints()}")
         print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()
