@@ -58,8 +58,8 @@ HEARTBEATS = QoSProfile(depth=4096, reliability=ReliabilityPolicy.RELIABLE, dura
 no processor for a moment misses heartbeats of a thousand simulators, and takes those for dead that it misses for long.
 """
 
-WORK = QoSProfile(depth=512, reliability=ReliabilityPolicy.RELIABLE)
-"""blocks: two for each of 64 simulators, four times over; a block that is lost is sent again."""
+WORK = QoSProfile(depth=4096, reliability=ReliabilityPolicy.RELIABLE)
+"""blocks: two for each of 1024 simulators, which are sent at once, twice over; a block that is lost is sent again."""
 
 INSPECT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 """inspect: for display only, messages may be lost."""

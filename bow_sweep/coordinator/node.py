@@ -73,7 +73,7 @@ or Foxglove. The state of all nodes is on /diagnostics, once a second.
 
 DIAGNOSTICS_S = 1.0
 
-TAKE_S = 0.01
+TAKE_S = 0.02
 """Between two times at which heartbeats, receipts and verdicts are taken. To be woken for each of them, a thousand in a
 second, would cost more than what is done with them; and what they add to the ledger is written at once."""
 
