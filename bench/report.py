@@ -105,7 +105,7 @@ def rows(result: Mapping[str, Any]) -> list[Row]:
     parts: dict[str, Callable[[Any], Iterator[Row]]]
     parts = {"kernel": _kernel, "peak": _peak, "stk": _stk}
     parts |= {"classifier": _classifier, "graph": _graph, "memory": _memory}
-    parts["coordinator"] = _coordinator
+    parts |= {"coordinator": _coordinator, "stations": _stations}
     found: list[Row] = []
     for name, make in parts.items():
         part = result.get(name, {})
@@ -228,6 +228,13 @@ def _coordinator(pools: list[dict[str, Any]]) -> Iterator[Row]:
         )
         beside += f"{one['chunk_ms']:.2f} ms without heartbeats, those {one['idle_cpu']:.0%} of a core; "
         yield Row("coordinator", name, value, f"{beside}{one['rss_mb']:.0f} MB")
+
+
+def _stations(numbers: list[dict[str, Any]]) -> Iterator[Row]:
+    for one in numbers:
+        name = f"{one['stations']} station{'s'[: one['stations'] > 1]} of one simulator"
+        beside = ", ".join(f"{role} {ms:.2f}" for role, ms in one["chunk_ms"].items())
+        yield Row("stations", name, f"CPU {one['all_ms']:.2f} ms a chunk", f"ms: {beside}")
 
 
 def _memory(memory: Mapping[str, Any]) -> Iterator[Row]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 
 from bow_sim.graph.inbox import Inbox
-from bow_sim.graph.node_base import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError
+from bow_sim.graph.node_base import HEARTBEATS, LATCHED, STREAM, WORK, BowNode, RCLError, StartupError
 from bow_sim.graph.node_process import run_node
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
@@ -77,12 +77,12 @@ DIAGNOSTICS_S = 1.0
 PREPARE_S = 10.0
 """At the end the thread that imports libraries has this long to finish."""
 
-ANSWERS_S = 0.02
-"""Between two times at which receipts and verdicts are taken. To be woken for each of them, a thousand in a second,
-would cost more than what is done with them; and all that become due together are one write of the ledger."""
+TAKE_S = 0.02
+"""Between two times at which heartbeats, receipts and verdicts are taken. To be woken for each of them, a thousand in a
+second, would cost more than what is done with them; and what they add to the ledger is written at once."""
 
-MOST_ANSWERS = 256
-"""Messages of a topic that are taken at a time, at most: heartbeats must not wait for long."""
+MOST_TAKEN = 256
+"""Messages of a topic that are taken at a time, at most: the others must not wait for long."""
 
 
 class CoordinatorNode(BowNode):
@@ -147,7 +147,7 @@ class CoordinatorNode(BowNode):
             cancel_callback=self._on_cancel,
             result_timeout=60,
         )
-        self.every(ANSWERS_S, self._take_answers)
+        self.every(TAKE_S, lambda: self._handle(self._arrived()))
         self.every(TICK_S, self._tick)
         self.every(DIAGNOSTICS_S, self._publish_diagnostics)
         try:
@@ -167,7 +167,7 @@ class CoordinatorNode(BowNode):
             gc.freeze()  # the collection after each run need not look at these libraries: some hundredths of a second
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
-            self._handle(given)
+            self._handle([given])
 
     def _create_run(self, sweep: Sweep, goal: bytes = b"") -> RunGiven:
         """Create the directory of a run, or resume the one that is there, if its place says so.
@@ -206,16 +206,21 @@ class CoordinatorNode(BowNode):
 
     # ---- events
 
+    def receive_health(self) -> None:
+        """Subscribe to heartbeats, which are taken together with the answers."""
+        self._heartbeats = Inbox(self, Health, self.topic("health"), HEARTBEATS, raw=False)
+        self._heard: list[Event] = []
+
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Pass a heartbeat to the session."""
         if message.role == "dashboard" and message.state == Health.BUSY:
             self._chooser.show_again(message.incarnation, message.run_id)
-        self._handle(HealthReceived(message, neighbour))
+        self._heard.append(HealthReceived(message, neighbour))
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
         """The subscriptions that the executor serves."""
-        by_hand = [inbox.subscription for pair in self._inboxes.values() for inbox in pair]
+        by_hand = [inbox.subscription for pair in self._inboxes.values() for inbox in (self._heartbeats, *pair)]
         return (each for each in super().subscriptions if each not in by_hand)
 
     def _listen_to(self, station: str) -> None:
@@ -227,14 +232,15 @@ class CoordinatorNode(BowNode):
                 Inbox(self, Receipt, f"{below}receipts", STREAM),
             )
 
-    def _take_answers(self) -> None:
-        """Take all receipts and verdicts that wait, and pass them to the session together."""
-        events: list[Event] = []
+    def _arrived(self) -> Iterator[Event]:
+        """Take what waits, and give one event after the other: each is dealt with before the next is looked at."""
+        for message in self._heartbeats.take(MOST_TAKEN):
+            self._take_health(message)
+            heard, self._heard = self._heard, []
+            yield from heard
         for station, (verdicts, receipts) in self._inboxes.items():
-            events += [VerdictsReceived(data, station) for data in verdicts.take(MOST_ANSWERS)]
-            events += [ReceiptReceived(data, station) for data in receipts.take(MOST_ANSWERS)]
-        if events:
-            self._handle(*events)
+            yield from (VerdictsReceived(data, station) for data in verdicts.take(MOST_TAKEN))
+            yield from (ReceiptReceived(data, station) for data in receipts.take(MOST_TAKEN))
 
     def _on_accepted(self, goal: Any) -> None:
         key = bytes(goal.goal_id.uuid)
@@ -250,7 +256,7 @@ class CoordinatorNode(BowNode):
                 self.get_logger().info(why)
                 self.set_state(self.health.state, why)
             case GoalAccepted() | GoalRefused():
-                self._handle(what)
+                self._handle([what])
 
     def _who_is_missing(self) -> tuple[float, list[str]]:
         """Return the time, and which nodes a new sweep lacks."""
@@ -266,11 +272,11 @@ class CoordinatorNode(BowNode):
         while self._cancelled:
             key = self._cancelled.pop()
             self._goal_goes_on(self._gate.cancel(key))
-            self._handle(CancelRequested(key))
+            self._handle([CancelRequested(key)])
         self._goal_goes_on(self._gate.look(*self._who_is_missing()))
-        self._handle(TimePassed())
+        self._handle([TimePassed()])
 
-    def _handle(self, *events: Event) -> None:
+    def _handle(self, events: Iterable[Event]) -> None:
         """Pass events to the session and carry out what it answers."""
         try:
             instructions = self._session.handle_all(events, self.awake.now())
@@ -314,7 +320,7 @@ class CoordinatorNode(BowNode):
                 self.get_logger().info(line)
             case WriteResults(run, basin):
                 problem = write_results(run, basin)
-                self._handle(ResultsWritten(playability_of(run, basin), problem))
+                self._handle([ResultsWritten(playability_of(run, basin), problem)])
             case RunEnded():
                 self.finished = self._once
                 if not self._once:

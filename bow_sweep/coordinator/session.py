@@ -19,7 +19,7 @@ from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neigh
 from bow_sim.protocol.states import ONE_AT_A_TIME, NodeState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.active_run import ActiveRun
-from bow_sweep.coordinator.answers import Answer, from_receipt, from_verdicts
+from bow_sweep.coordinator.answers import Answer, AnswerReader
 from bow_sweep.coordinator.closing import DRAW_REPORT_S, DRAW_S, waits_for
 from bow_sweep.coordinator.consumers import Stations
 from bow_sweep.coordinator.results import basin_of
@@ -102,7 +102,7 @@ class CoordinatorSession:
         self._pool = Pool(self._apply, host, lambda text: self._log("warning", text), self._stations.of)
         self._active: ActiveRun | None = None
         self._state: int = NodeState.READY
-        self._counts = Counts()
+        self._answers, self._counts = AnswerReader(), Counts()
         self._last_hello = 0.0
         self._now = 0.0
         self._out: list[Instruction] = []
@@ -148,9 +148,9 @@ class CoordinatorSession:
             case HealthReceived(message, neighbour):
                 self._take_health(message, neighbour)
             case ReceiptReceived(data, station):
-                self._take_answer("receipts", from_receipt(data, station, self._active))
+                self._take_answer("receipts", self._answers.receipt(data, station, self._active))
             case VerdictsReceived(data, station):
-                self._take_answer("verdicts", from_verdicts(data, station, self._active))
+                self._take_answer("verdicts", self._answers.verdicts(data, station, self._active))
             case ResultsWritten(problem=problem):
                 self._take_results(event, problem)
             case TimePassed():
@@ -338,15 +338,18 @@ class CoordinatorSession:
     def _begin_work(self, heard: str | None = None) -> None:
         """Let simulators join while recorder and classifier of their station are ready; else report what is missing.
 
-        Only the one that was `heard`, if given: else each of a thousand heartbeats would look at a thousand simulators.
+        Only the one that was `heard`, if given, and its station: else each of a thousand heartbeats would look at a
+        thousand simulators.
         """
         active = self._active
         if active is None or active.is_closing:
             return
-        ready = self._stations.ready(active.run.run_id, self._now)
+        ready = self._stations.ready(active.run.run_id, self._now, None if heard is None else self._stations.of(heard))
         if ready and heard is None:
             self._pool.release_stations(self._stations.gone(self._now))
         self._pool.check(self._now, may_join=bool(ready), only=heard, stations=ready)
+        if heard is not None and not ready:
+            return  # what is missing is said at the next tick
         missing = [] if ready else self._stations.missing(active.run.run_id, self._now)
         if not missing and not self._neighbours.has_role("simulator", self._now):
             missing = ["no simulator is heard"]

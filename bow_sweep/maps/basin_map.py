@@ -35,7 +35,7 @@ def transient_lengths(regime: np.ndarray, transient: np.ndarray) -> np.ndarray:
     return np.where(known.any(axis=0), transient[latest, np.arange(transient.shape[1])], by_tests)
 
 
-def _place(cells: np.ndarray) -> np.ndarray | slice:
+def place(cells: np.ndarray) -> np.ndarray | slice:
     """Return the index of some cells: a slice where each follows the one before, as in most blocks."""
     at = np.asarray(cells, np.intp)
     if len(at) and at[-1] - at[0] == len(at) - 1 and (at[1:] > at[:-1]).all():
@@ -95,7 +95,7 @@ class Basin:
         self._derive_new()
         return self._transient_periods
 
-    def take(self, test: int, cells: np.ndarray, verdict: Mapping[str, Any]) -> None:
+    def take(self, test: int, cells: np.ndarray | slice, verdict: Mapping[str, Any]) -> None:
         """Store the verdicts of one test of some cells; the same verdicts a second time change nothing.
 
         What follows from them is derived when it is read, from all new verdicts of a test together: a map is read a few
@@ -107,11 +107,11 @@ class Basin:
         test
             Number of the test, from 0.
         cells
-            (n,) cell indices.
+            (n,) cell indices, or their :func:`place`.
         verdict
             Field -> (n,) values.
         """
-        at = _place(cells)
+        at = cells if isinstance(cells, slice) else place(cells)
         regime = self.layers["regime"][test, at]
         is_new = regime.min(initial=PENDING) == PENDING
         for name, layer in self.layers.items():
@@ -135,7 +135,7 @@ class Basin:
             self._first_passed[at] = np.minimum(self._first_passed[at], passed)
             if stated.any():
                 self._latest_stated[at] = np.maximum(self._latest_stated[at], np.where(stated, test, -1))
-        at = _together([place for places in new.values() for place in places])
+        at = _together([one for places in new.values() for one in places])
         first, none = self._first_passed[at], np.where(self._tested[at] > 0, np.float32(0), np.float32(np.nan))
         self._transient_periods[at] = np.where(first < self.tests, (first + 1) * CHUNK_PERIODS, none)
         latest = self._latest_stated[at]

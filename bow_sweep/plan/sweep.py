@@ -161,6 +161,10 @@ class Sweep:
 
     def settings(self) -> tuple[str, ...]:
         """Return every setting as "name=value", sorted; :meth:`from_spec` makes the same sweep of them."""
+        return self._settings
+
+    @cached_property
+    def _settings(self) -> tuple[str, ...]:
         own = {f"{key}.{name}": value for key, axis in self._axes for name, value in axis.settings().items()}
         own["block_cells"] = self.block_cells
         if self.adaptive < 1:

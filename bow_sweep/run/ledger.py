@@ -210,6 +210,30 @@ class Ledger:
         """Take in an event at `now` (seconds, any origin) and return what to do, in order."""
         out: list[Instruction] = []
         match event:
+            case Judged(number, chunk, chunk_checksum, checksum, station):
+                if self._concerns(number, chunk, station):
+                    checksums, block = _Checksums(chunk_checksum, checksum), self.blocks[number]
+                    differs = block.judged.setdefault(chunk, checksums) != checksums
+                    differs |= block.judged_before.get(chunk, checksums) != checksums
+                    self._answered(number, chunk, differs, now, out)
+            case Receipted(number, chunk, checksum, verdicts, station):
+                if self._concerns(number, chunk, station) and (verdicts or chunk in self.recorded):
+                    block = self.blocks[number]
+                    answers = block.verdicts if verdicts else block.streams
+                    differs = answers.setdefault(chunk, checksum) != checksum
+                    self._answered(number, chunk, differs, now, out)
+            case OnDisk(number, station):
+                if self._concerns(number, 0, station) and not self.blocks[number].on_disk:  # it is said again and again
+                    self.blocks[number].on_disk = True
+                    self._answered(number, 0, False, now, out)
+            case _:
+                self._change(event, now, out)
+                self._dispatch_due(now, out)  # an answer frees no simulator and makes no block due
+        return out
+
+    def _change(self, event: Event, now: float, out: list[Instruction]) -> None:
+        """Take in an event that is no answer on a chunk or a block."""
+        match event:
             case SimulatorReady(simulator, station):
                 self.in_flight.setdefault(simulator, [])
                 self._station[simulator] = station
@@ -227,22 +251,6 @@ class Ledger:
                     self._make_due(number, why, out)
             case ConsumerRestarted(role, station):
                 self._restart(role, station, out)
-            case Judged(number, chunk, chunk_checksum, checksum, station):
-                if self._concerns(number, chunk, station):
-                    checksums, block = _Checksums(chunk_checksum, checksum), self.blocks[number]
-                    differs = block.judged.setdefault(chunk, checksums) != checksums
-                    differs |= block.judged_before.get(chunk, checksums) != checksums
-                    self._answered(number, chunk, differs, now, out)
-            case Receipted(number, chunk, checksum, verdicts, station):
-                if self._concerns(number, chunk, station) and (verdicts or chunk in self.recorded):
-                    block = self.blocks[number]
-                    answers = block.verdicts if verdicts else block.streams
-                    differs = answers.setdefault(chunk, checksum) != checksum
-                    self._answered(number, chunk, differs, now, out)
-            case OnDisk(number, station):
-                if self._concerns(number, 0, station) and not self.blocks[number].on_disk:  # it is said again and again
-                    self.blocks[number].on_disk = True
-                    self._answered(number, 0, False, now, out)
             case Grown(blocks):
                 fresh = range(len(self.blocks), blocks)
                 self.blocks += [_Block() for _ in fresh]
@@ -250,9 +258,6 @@ class Ledger:
                 self._due = sorted([*self._due, *fresh])
             case Tick():
                 self._expire(now, out)
-        if not isinstance(event, Judged | Receipted | OnDisk):  # an answer frees no simulator and makes no block due
-            self._dispatch_due(now, out)
-        return out
 
     def _concerns(self, number: int, chunk: int, station: str) -> bool:
         return number in self._open and 0 <= chunk < self.chunks and self.blocks[number].station == station
