@@ -6,6 +6,7 @@ part failed.
 
   python -m bench --json bench.json --page      measure, keep the JSON, write docs/benchmarks.md
   python -m bench --only coordinator            the coordinator with 1 to 1024 simulators that compute nothing
+  python -m bench --only stations               CPU of every process with 1, 2, 4 and 8 stations
   python -m bench --from bench.json --page      write docs/benchmarks.md from an earlier run
   python tests/stress/kills.py --kills 200             the long storm of kills: not a part of this
 """
@@ -22,11 +23,11 @@ from typing import Any
 
 from rich.console import Console
 
-from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, stk
+from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, stations, stk
 
 PARTS = ("kernel", "peak", "stk", "classifier", "graph", "memory")
-ON_REQUEST = ("coordinator",)
-"""Parts that are measured only where they are asked for: 1024 simulators take minutes."""
+ON_REQUEST = ("coordinator", "stations")
+"""Parts that are measured only where they are asked for: they take minutes."""
 WIDE = 160
 
 
@@ -43,6 +44,7 @@ def measure(chosen: argparse.Namespace) -> dict[str, Any]:
         "graph": lambda: graph.measure_all(chosen.quick, chosen.large, chosen.dir),
         "memory": lambda: memory.measure(maps, folder=chosen.dir),
         "coordinator": lambda: coordinator.measure_all(chosen.quick, chosen.dir),
+        "stations": lambda: stations.measure_all(chosen.quick, chosen.dir),
     }
     began = time.monotonic()
     for name in (*PARTS, *ON_REQUEST):
@@ -62,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     graph.add_arguments(parser)
     every = (*PARTS, *ON_REQUEST)
-    what = f"{', '.join(every)} (default: all but the last)"
+    what = f"{', '.join(every)} (default: all but the last two)"
     parser.add_argument("--only", nargs="+", choices=every, default=PARTS, metavar="PART", help=what)
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the JSON here instead of to stdout")
     parser.add_argument("--page", action="store_true", help="write docs/benchmarks.md")

@@ -58,8 +58,8 @@ HEARTBEATS = QoSProfile(depth=4096, reliability=ReliabilityPolicy.RELIABLE, dura
 no processor for a moment misses heartbeats of a thousand simulators, and takes those for dead that it misses for long.
 """
 
-WORK = QoSProfile(depth=512, reliability=ReliabilityPolicy.RELIABLE)
-"""blocks: two for each of 64 simulators, four times over; a block that is lost is sent again."""
+WORK = QoSProfile(depth=4096, reliability=ReliabilityPolicy.RELIABLE)
+"""blocks: two for each of 1024 simulators, which are sent at once, twice over; a block that is lost is sent again."""
 
 INSPECT = QoSProfile(depth=3, reliability=ReliabilityPolicy.BEST_EFFORT)
 """inspect: for display only, messages may be lost."""
@@ -138,7 +138,7 @@ class BowNode(Node):
         self._said = ""
         self._run_log = RunLog(self.says_ends)
         self._health_publisher = self.create_publisher(Health, self.topic("health"), LATCHED)
-        self.create_subscription(Health, self.topic("health"), self._take_health, HEARTBEATS)
+        self.receive_health()
         self.every(CHECK_S, self._publish_health_when_due)
         self.publish_health()
 
@@ -341,6 +341,10 @@ class BowNode(Node):
             self._end_because_of(rival)
             return
         self.on_health(message, neighbour)
+
+    def receive_health(self) -> None:
+        """Subscribe to heartbeats; who takes them by hand passes each to :meth:`_take_health`."""
+        self.create_subscription(Health, self.topic("health"), self._take_health, HEARTBEATS)
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Take in a heartbeat; `neighbour` is None if it reports that a node has gone."""

@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from bow_sim.protocol.states import PlanState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.results import writing
 from bow_sweep.coordinator.session_events import ResultsWritten
-from bow_sweep.maps.basin_map import Basin
+from bow_sweep.maps.basin_map import Basin, place
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
@@ -60,6 +62,7 @@ class ActiveRun:
     plan_at: float = 0.0
     map_at: float = float("-inf")
     _published_tests: int = field(default=-1, init=False)
+    _places: dict[int, np.ndarray | slice] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.done_before = self.run.cells_in(State.DONE)
@@ -79,9 +82,15 @@ class ActiveRun:
         return (
             values["classifier"] == run.sweep.thresholds.hash
             and block < run.blocks.count
-            and values["chunk"] < run.sweep.chunks
+            and values["chunk"] < run.ledger.chunks
             and values["cells"].tobytes() == run.blocks.block(block).tobytes()
         )
+
+    def place_of(self, block: int) -> np.ndarray | slice:
+        """Return where in the map the cells of a block are."""
+        if block not in self._places:
+            self._places[block] = place(self.run.blocks.block(block))
+        return self._places[block]
 
     def plan_message(self, coordinator: str) -> bytes:
         """Return the Plan; `coordinator` is an incarnation."""

@@ -116,9 +116,10 @@ class Stations:
         consumers = self._consumers.get(self.of(other.node))
         return consumers is not None and consumers.update(other, now)
 
-    def ready(self, run_id: str, now: float) -> set[str]:
-        """Return the stations whose recorder and classifier are ready."""
-        return {station for station, consumers in self._consumers.items() if consumers.are_ready(run_id, now)}
+    def ready(self, run_id: str, now: float, only: str | None = None) -> set[str]:
+        """Return the stations whose recorder and classifier are ready; with `only` at most that one."""
+        known = self._consumers if only is None else self._consumers.keys() & {only}
+        return {station for station in known if self._consumers[station].are_ready(run_id, now)}
 
     def gone(self, now: float) -> set[str]:
         """Return the stations whose recorder or classifier has gone."""

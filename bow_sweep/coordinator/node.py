@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
-from functools import partial
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, Block, Health, Plan, Receipt, Verdicts
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 
-from bow_sim.graph.node_base import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError
+from bow_sim.graph.inbox import Inbox
+from bow_sim.graph.node_base import HEARTBEATS, LATCHED, STREAM, WORK, BowNode, RCLError, StartupError
 from bow_sim.graph.node_process import run_node
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
@@ -71,6 +74,16 @@ or Foxglove. The state of all nodes is on /diagnostics, once a second.
 
 DIAGNOSTICS_S = 1.0
 
+PREPARE_S = 10.0
+"""At the end the thread that imports libraries has this long to finish."""
+
+TAKE_S = 0.02
+"""Between two times at which heartbeats, receipts and verdicts are taken. To be woken for each of them, a thousand in a
+second, would cost more than what is done with them; and what they add to the ledger is written at once."""
+
+MOST_TAKEN = 256
+"""Messages of a topic that are taken at a time, at most: the others must not wait for long."""
+
 
 class CoordinatorNode(BowNode):
     """Serves `run_sweep`; what it does is decided in :class:`CoordinatorSession`."""
@@ -123,7 +136,7 @@ class CoordinatorNode(BowNode):
         self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._chooser = CellChooser(self, lambda: self._session.run)
-        self._listening: set[str] = set()
+        self._inboxes: dict[str, tuple[Inbox, Inbox]] = {}
         self._listen_to("")
         self._server = ActionServer(
             self,
@@ -134,6 +147,7 @@ class CoordinatorNode(BowNode):
             cancel_callback=self._on_cancel,
             result_timeout=60,
         )
+        self.every(TAKE_S, lambda: self._handle(self._arrived()))
         self.every(TICK_S, self._tick)
         self.every(DIAGNOSTICS_S, self._publish_diagnostics)
         try:
@@ -146,11 +160,14 @@ class CoordinatorNode(BowNode):
                 given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        self._preparing: threading.Thread | None = None
+        self._frozen = given is None
         if given is None:
+            prepare()
+            gc.freeze()  # the collection after each run need not look at these libraries: some hundredths of a second
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
-            self._handle(given)
+            self._handle([given])
 
     def _create_run(self, sweep: Sweep, goal: bytes = b"") -> RunGiven:
         """Create the directory of a run, or resume the one that is there, if its place says so.
@@ -172,35 +189,58 @@ class CoordinatorNode(BowNode):
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
         return RunGiven(Run.create(directory.absolute(), identity, sweep, self._locks))
 
+    def _prepare(self) -> None:
+        """Import what the results need in a thread, while the first blocks are computed: no block waits for that."""
+        if self._preparing is None:
+            self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
+            self._preparing.start()
+
     def close(self) -> None:
         """Release the run directory."""
+        if self._preparing is not None:
+            self._preparing.join(PREPARE_S)  # Python must not end while a thread imports
+        if self._frozen:
+            gc.unfreeze()  # this node too: its DDS entities are destroyed by a collection, see node_process.leave
         self._chooser.close()
         self._session.close()
 
     # ---- events
 
+    def receive_health(self) -> None:
+        """Subscribe to heartbeats, which are taken together with the answers."""
+        self._heartbeats = Inbox(self, Health, self.topic("health"), HEARTBEATS, raw=False)
+        self._heard: list[Event] = []
+
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Pass a heartbeat to the session."""
         if message.role == "dashboard" and message.state == Health.BUSY:
             self._chooser.show_again(message.incarnation, message.run_id)
-        self._handle(HealthReceived(message, neighbour))
+        self._heard.append(HealthReceived(message, neighbour))
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that the executor serves."""
+        by_hand = [inbox.subscription for pair in self._inboxes.values() for inbox in (self._heartbeats, *pair)]
+        return (each for each in super().subscriptions if each not in by_hand)
 
     def _listen_to(self, station: str) -> None:
         """Subscribe to what recorder and classifier of a station answer."""
-        if station not in self._listening:
-            self._listening.add(station)
+        if station not in self._inboxes:
             below = f"{station}/" if station else ""
-            for kind, topic, take in (
-                (Receipt, "receipts", self._on_receipt),
-                (Verdicts, "verdicts", self._on_verdicts),
-            ):
-                self.create_subscription(kind, f"{below}{topic}", partial(take, station), STREAM, raw=True)
+            self._inboxes[station] = (
+                Inbox(self, Verdicts, f"{below}verdicts", STREAM),
+                Inbox(self, Receipt, f"{below}receipts", STREAM),
+            )
 
-    def _on_receipt(self, station: str, data: bytes) -> None:
-        self._handle(ReceiptReceived(data, station))
-
-    def _on_verdicts(self, station: str, data: bytes) -> None:
-        self._handle(VerdictsReceived(data, station))
+    def _arrived(self) -> Iterator[Event]:
+        """Take what waits, and give one event after the other: each is dealt with before the next is looked at."""
+        for message in self._heartbeats.take(MOST_TAKEN):
+            self._take_health(message)
+            heard, self._heard = self._heard, []
+            yield from heard
+        for station, (verdicts, receipts) in self._inboxes.items():
+            yield from (VerdictsReceived(data, station) for data in verdicts.take(MOST_TAKEN))
+            yield from (ReceiptReceived(data, station) for data in receipts.take(MOST_TAKEN))
 
     def _on_accepted(self, goal: Any) -> None:
         key = bytes(goal.goal_id.uuid)
@@ -216,7 +256,7 @@ class CoordinatorNode(BowNode):
                 self.get_logger().info(why)
                 self.set_state(self.health.state, why)
             case GoalAccepted() | GoalRefused():
-                self._handle(what)
+                self._handle([what])
 
     def _who_is_missing(self) -> tuple[float, list[str]]:
         """Return the time, and which nodes a new sweep lacks."""
@@ -232,14 +272,14 @@ class CoordinatorNode(BowNode):
         while self._cancelled:
             key = self._cancelled.pop()
             self._goal_goes_on(self._gate.cancel(key))
-            self._handle(CancelRequested(key))
+            self._handle([CancelRequested(key)])
         self._goal_goes_on(self._gate.look(*self._who_is_missing()))
-        self._handle(TimePassed())
+        self._handle([TimePassed()])
 
-    def _handle(self, event: Event) -> None:
-        """Pass an event to the session and carry out what it answers."""
+    def _handle(self, events: Iterable[Event]) -> None:
+        """Pass events to the session and carry out what it answers."""
         try:
-            instructions = self._session.handle(event, self.awake.now())
+            instructions = self._session.handle_all(events, self.awake.now())
             counts = self._session.fetch_counts()
             self.health.messages += counts.messages
             self.health.ignored += counts.ignored
@@ -270,6 +310,8 @@ class CoordinatorNode(BowNode):
                 self._goals.pop(goal).execute()
             case SetState(state, detail, run_id):
                 self.set_state(state, detail, run_id)
+                if state == Health.BUSY:
+                    self._prepare()
             case Log("error", line):  # rclpy wants one line of code for each severity
                 self.get_logger().error(line)
             case Log("warning", line):
@@ -278,7 +320,7 @@ class CoordinatorNode(BowNode):
                 self.get_logger().info(line)
             case WriteResults(run, basin):
                 problem = write_results(run, basin)
-                self._handle(ResultsWritten(playability_of(run, basin), problem))
+                self._handle([ResultsWritten(playability_of(run, basin), problem)])
             case RunEnded():
                 self.finished = self._once
                 if not self._once:

@@ -106,10 +106,11 @@ class World:
 
     # ---- events
 
-    def do(self, event: Event) -> None:
+    def do(self, *events: Event) -> None:
+        """Have the session take in events together."""
         run = self.session.run
         joined = set(run.ledger.in_flight) if run else set()
-        out = self.session.handle(event, self.now)
+        out = self.session.handle_all(events, self.now)
         if self.session.run is run and run is not None and set(run.ledger.in_flight) - joined:
             assert all(self.is_ready(role, run.run_id) for role in CONSUMERS), "simulators wait for both consumers"
         self.ignored += self.session.fetch_counts().ignored

@@ -15,6 +15,8 @@ What holds after every step, see `World`:
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 from typing import Any
 
@@ -34,6 +36,8 @@ from bow_sweep.coordinator.session import ANNOUNCE_S
 from bow_sweep.coordinator.session_events import (
     CancelRequested,
     GoalAccepted,
+    HealthReceived,
+    Publish,
     PublishMap,
     ReceiptReceived,
     RunGiven,
@@ -41,7 +45,7 @@ from bow_sweep.coordinator.session_events import (
     VerdictsReceived,
 )
 from bow_sweep.maps.basin_map import PENDING
-from bow_sweep.run.directory import Run
+from bow_sweep.run.directory import LEDGER, Run
 
 PLAIN = recording.small_sweep("periods=10")
 ADAPTIVE = recording.small_sweep(
@@ -209,6 +213,21 @@ class Coordinating(RuleBasedStateMachine):
             self.world.tests |= {(cell, chunk) for cell in run.blocks.block(block).tolist()}
         self.world.do(VerdictsReceived(verdicts(run, block, chunk)))
 
+    @rule(first=blocks, last=blocks)
+    def answer_together(self, first: int, last: int) -> None:
+        """What was answered on some blocks while the coordinator was busy arrives at once."""
+        run, events = self.world.session.run, []
+        for block in range(first, last + 1) if run is not None else ():
+            for chunk in range(run.sweep.chunks):
+                if block < run.blocks.count:
+                    self.world.tests |= {(cell, chunk) for cell in run.blocks.block(block).tolist()}
+                data = verdicts(run, block, chunk)
+                checksum = cdr.decode("Verdicts", data)["checksum"]
+                entries = [(ReceiptKind.STREAMS, block, chunk, 7), (ReceiptKind.VERDICTS, block, chunk, checksum)]
+                events += [VerdictsReceived(data), ReceiptReceived(receipt(run, entries))]
+            events.append(ReceiptReceived(receipt(run, [(ReceiptKind.BLOCK, block, 0, 0)])))
+        self.world.do(*events)
+
     @rule(block=blocks)
     def see_on_disk(self, block: int) -> None:
         run = self.world.session.run
@@ -365,6 +384,44 @@ class Coordinating(RuleBasedStateMachine):
 
 TestCoordinating = Coordinating.TestCase
 TestCoordinating.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)
+
+
+def test_what_arrives_together_is_one_write_of_the_ledger(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two blocks are done, and their simulator gets the third: three entries, on the disk before anything is sent."""
+    world, syncs = World(), []
+    run = world.create(PLAIN, b"").run
+    world.do(RunGiven(run))
+    for number, (role, name) in enumerate([*((role, f"/bow/{role}") for role in CONSUMERS), ("simulator", "/bow/s")]):
+        world.nodes[name] = node = Node(role, name, f"{number:016}", number, NodeState.READY, run.run_id)
+        world.beat(node)
+    while (done := len(world.sent)) < 2:
+        world.do(TimePassed())
+    simulator, events = world.nodes["/bow/s"], []
+    for block in range(done):
+        for chunk in range(run.sweep.chunks):
+            data = verdicts(run, block, chunk)
+            checksum = cdr.decode("Verdicts", data)["checksum"]
+            entries = [(ReceiptKind.STREAMS, block, chunk, 7), (ReceiptKind.VERDICTS, block, chunk, checksum)]
+            events += [VerdictsReceived(data), ReceiptReceived(receipt(run, entries))]
+        events.append(ReceiptReceived(receipt(run, [(ReceiptKind.BLOCK, block, 0, 0)])))
+    simulator.held = sorted(world.sent)
+    world.beat(simulator)
+    simulator.held = []
+    message = simulator.health(world.own)
+    neighbour = world.neighbours.take(message, world.now)
+    genuine = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda file: syncs.append(file) or genuine(file))
+    out = world.session.handle_all([*events, HealthReceived(message, neighbour)], world.now)
+    assert len(syncs) == 1
+    entries_there = [json.loads(line) for line in (run.directory / LEDGER).read_text().splitlines()]
+    assert [(entry["event"], entry["block"]) for entry in entries_there[-3:]] == [
+        ("done", 0),
+        ("done", 1),
+        ("dispatched", 2),
+    ]
+    assert sum(isinstance(one, Publish) and one.topic == "blocks" for one in out) == 1
+    world.session.close()
+    shutil.rmtree(world.directory)
 
 
 def test_maps_of_many_cells_go_out_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
