@@ -6,8 +6,8 @@ number is part of the type.
 
 A reflection function whose least lag is m can be applied to m future steps at once, since what arrives then has already
 left the bow. So arrivals are computed ahead, up to eight steps, and each sample is read once; at each step only
-friction and four sums remain. The outgoing waves are kept in short ring buffers, so that the
-state of eight cells stays in the first-level cache.
+friction and four sums remain. The outgoing waves are kept in short ring buffers, so that the state of eight cells stays
+in the first-level cache.
 """
 
 from __future__ import annotations
