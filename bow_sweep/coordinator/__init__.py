@@ -3,6 +3,7 @@
 session            the coordinator as a state machine: events in, instructions out
 session_events     its events and instructions
 active_run         the run in progress
+answers            receipts and verdicts as events of the ledger
 simulator_pool     which simulators are ready, and which blocks each of them holds
 consumers          the one recorder and the one classifier of a run
 closing            when a closing run can be finished

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,10 @@ from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, Block, Health, Plan, Receipt, Verdicts
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
 
+from bow_sim.graph.inbox import Inbox
 from bow_sim.graph.node_base import LATCHED, STREAM, WORK, BowNode, RCLError, StartupError
 from bow_sim.graph.node_process import run_node
 from bow_sim.physics.errors import ParameterError
@@ -71,6 +74,16 @@ or Foxglove. The state of all nodes is on /diagnostics, once a second.
 
 DIAGNOSTICS_S = 1.0
 
+PREPARE_S = 10.0
+"""At the end the thread that imports libraries has this long to finish."""
+
+ANSWERS_S = 0.02
+"""Between two times at which receipts and verdicts are taken. To be woken for each of them, a thousand in a second,
+would cost more than what is done with them; and all that become due together are one write of the ledger."""
+
+MOST_ANSWERS = 256
+"""Messages of a topic that are taken at a time, at most: heartbeats must not wait for long."""
+
 
 class CoordinatorNode(BowNode):
     """Serves `run_sweep`; what it does is decided in :class:`CoordinatorSession`."""
@@ -123,7 +136,7 @@ class CoordinatorNode(BowNode):
         self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._chooser = CellChooser(self, lambda: self._session.run)
-        self._listening: set[str] = set()
+        self._inboxes: dict[str, tuple[Inbox, Inbox]] = {}
         self._listen_to("")
         self._server = ActionServer(
             self,
@@ -134,6 +147,7 @@ class CoordinatorNode(BowNode):
             cancel_callback=self._on_cancel,
             result_timeout=60,
         )
+        self.every(ANSWERS_S, self._take_answers)
         self.every(TICK_S, self._tick)
         self.every(DIAGNOSTICS_S, self._publish_diagnostics)
         try:
@@ -146,8 +160,11 @@ class CoordinatorNode(BowNode):
                 given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        self._preparing: threading.Thread | None = None
+        self._frozen = given is None
         if given is None:
+            prepare()
+            gc.freeze()  # the collection after each run need not look at these libraries: some hundredths of a second
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
             self._handle(given)
@@ -172,8 +189,18 @@ class CoordinatorNode(BowNode):
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
         return RunGiven(Run.create(directory.absolute(), identity, sweep, self._locks))
 
+    def _prepare(self) -> None:
+        """Import what the results need in a thread, while the first blocks are computed: no block waits for that."""
+        if self._preparing is None:
+            self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
+            self._preparing.start()
+
     def close(self) -> None:
         """Release the run directory."""
+        if self._preparing is not None:
+            self._preparing.join(PREPARE_S)  # Python must not end while a thread imports
+        if self._frozen:
+            gc.unfreeze()  # this node too: its DDS entities are destroyed by a collection, see node_process.leave
         self._chooser.close()
         self._session.close()
 
@@ -185,22 +212,29 @@ class CoordinatorNode(BowNode):
             self._chooser.show_again(message.incarnation, message.run_id)
         self._handle(HealthReceived(message, neighbour))
 
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that the executor serves."""
+        by_hand = [inbox.subscription for pair in self._inboxes.values() for inbox in pair]
+        return (each for each in super().subscriptions if each not in by_hand)
+
     def _listen_to(self, station: str) -> None:
         """Subscribe to what recorder and classifier of a station answer."""
-        if station not in self._listening:
-            self._listening.add(station)
+        if station not in self._inboxes:
             below = f"{station}/" if station else ""
-            for kind, topic, take in (
-                (Receipt, "receipts", self._on_receipt),
-                (Verdicts, "verdicts", self._on_verdicts),
-            ):
-                self.create_subscription(kind, f"{below}{topic}", partial(take, station), STREAM, raw=True)
+            self._inboxes[station] = (
+                Inbox(self, Verdicts, f"{below}verdicts", STREAM),
+                Inbox(self, Receipt, f"{below}receipts", STREAM),
+            )
 
-    def _on_receipt(self, station: str, data: bytes) -> None:
-        self._handle(ReceiptReceived(data, station))
-
-    def _on_verdicts(self, station: str, data: bytes) -> None:
-        self._handle(VerdictsReceived(data, station))
+    def _take_answers(self) -> None:
+        """Take all receipts and verdicts that wait, and pass them to the session together."""
+        events: list[Event] = []
+        for station, (verdicts, receipts) in self._inboxes.items():
+            events += [VerdictsReceived(data, station) for data in verdicts.take(MOST_ANSWERS)]
+            events += [ReceiptReceived(data, station) for data in receipts.take(MOST_ANSWERS)]
+        if events:
+            self._handle(*events)
 
     def _on_accepted(self, goal: Any) -> None:
         key = bytes(goal.goal_id.uuid)
@@ -236,10 +270,10 @@ class CoordinatorNode(BowNode):
         self._goal_goes_on(self._gate.look(*self._who_is_missing()))
         self._handle(TimePassed())
 
-    def _handle(self, event: Event) -> None:
-        """Pass an event to the session and carry out what it answers."""
+    def _handle(self, *events: Event) -> None:
+        """Pass events to the session and carry out what it answers."""
         try:
-            instructions = self._session.handle(event, self.awake.now())
+            instructions = self._session.handle_all(events, self.awake.now())
             counts = self._session.fetch_counts()
             self.health.messages += counts.messages
             self.health.ignored += counts.ignored
@@ -270,6 +304,8 @@ class CoordinatorNode(BowNode):
                 self._goals.pop(goal).execute()
             case SetState(state, detail, run_id):
                 self.set_state(state, detail, run_id)
+                if state == Health.BUSY:
+                    self._prepare()
             case Log("error", line):  # rclpy wants one line of code for each severity
                 self.get_logger().error(line)
             case Log("warning", line):

@@ -11,15 +11,15 @@ theirs. After that it is finished and the session is ready for the next goal.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Literal
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neighbour, Neighbours
 from bow_sim.protocol.states import ONE_AT_A_TIME, NodeState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.active_run import ActiveRun
+from bow_sweep.coordinator.answers import Answer, from_receipt, from_verdicts
 from bow_sweep.coordinator.closing import DRAW_REPORT_S, DRAW_S, waits_for
 from bow_sweep.coordinator.consumers import Stations
 from bow_sweep.coordinator.results import basin_of
@@ -106,6 +106,7 @@ class CoordinatorSession:
         self._last_hello = 0.0
         self._now = 0.0
         self._out: list[Instruction] = []
+        self._entries: list[Mapping[str, Any]] = []  # of the ledger; to be written before what is in `_out` is done
 
     @property
     def run(self) -> Run | None:
@@ -120,7 +121,20 @@ class CoordinatorSession:
         RunError
             If the report of a run cannot be written.
         """
+        return self.handle_all([event], now)
+
+    def handle_all(self, events: Iterable[Event], now: float) -> list[Instruction]:
+        """Take in, in their order, several things that happened until `now`, as :meth:`handle` does.
+
+        What they add to the ledger is written and synced to the disk once, before this returns.
+        """
         self._now, self._out = now, []
+        for event in events:
+            self._take(event)
+        self._write_entries()
+        return self._out
+
+    def _take(self, event: Event) -> None:
         match event:
             case RunGiven():
                 self._begin(event)
@@ -134,14 +148,13 @@ class CoordinatorSession:
             case HealthReceived(message, neighbour):
                 self._take_health(message, neighbour)
             case ReceiptReceived(data, station):
-                self._take_receipt(data, station)
+                self._take_answer("receipts", from_receipt(data, station, self._active))
             case VerdictsReceived(data, station):
-                self._take_verdicts(data, station)
+                self._take_answer("verdicts", from_verdicts(data, station, self._active))
             case ResultsWritten(problem=problem):
                 self._take_results(event, problem)
             case TimePassed():
                 self._tick()
-        return self._out
 
     def fetch_counts(self) -> Counts:
         """Return what has arrived since the last call."""
@@ -187,6 +200,7 @@ class CoordinatorSession:
 
     def _next_round_or_close(self, active: ActiveRun) -> None:
         """Begin the next round of an adaptive sweep, announced before its blocks are sent; else close the run."""
+        self._write_entries()
         if active.run.next_round(active.basin):
             self._publish_plan(active)
             self._apply(ledger_events.Grown(active.run.blocks.count))
@@ -225,6 +239,7 @@ class CoordinatorSession:
 
     def _finish(self, active: ActiveRun, results: ResultsWritten) -> None:
         """Write the report, answer the goal and get ready for the next one."""
+        self._write_entries()
         run_id, now = active.run.run_id, self._wall_clock()
         result = active.write_report(now, results)
         if active.goal is not None:
@@ -252,54 +267,26 @@ class CoordinatorSession:
         if self._active is not None and not is_simulator:
             self._finish_when_closed(self._active)
 
-    def _take_receipt(self, data: bytes, station: str) -> None:
-        try:
-            receipt = cdr.decode("Receipt", data)
-        except cdr.WireError:
+    def _take_answer(self, topic: str, answer: Answer) -> None:
+        if answer.sender:
+            self._neighbours.heard(topic, answer.sender, self._now)
+        if answer.events is None:
             self._counts.ignored += 1
-            return
-        self._neighbours.heard("receipts", receipt["incarnation"], self._now)
-        entries = messages.receipt_entries(receipt)
-        if self._active is None or not self._active.is_mine(receipt) or entries is None:
-            self._counts.ignored += 1
-            return
-        for entry in entries:
-            self._apply(ledger_events.receipted(*entry, station))
-        self._counts.messages += len(entries)
-
-    def _take_verdicts(self, data: bytes, station: str) -> None:
-        if sender := cdr.hello_from("Verdicts", data):
-            self._neighbours.heard("verdicts", sender, self._now)
-            return
-        try:
-            verdict = cdr.unseal("Verdicts", data)
-        except cdr.WireError:
-            self._counts.ignored += 1
-            return
-        active = self._active
-        if active is None or not active.is_mine(verdict):
-            self._counts.ignored += 1
-            return
-        self._neighbours.heard("verdicts", verdict["incarnation"], self._now)
-        block, chunk = verdict["block"], verdict["chunk"]
-        if not active.are_my_verdicts(verdict) or not active.run.ledger.is_of(block, station):
-            self._counts.ignored += 1
-            return
-        active.basin.take(chunk, verdict["cells"], verdict)
-        self._apply(ledger_events.Judged(block, chunk, verdict["chunk_checksum"], verdict["checksum"], station))
-        self._counts.messages += 1
+        elif answer.events:
+            self._apply(*answer.events)
+            self._counts.messages += len(answer.events)
 
     # ---- the ledger
 
-    def _apply(self, event: ledger_events.Event) -> None:
-        """Pass an event to the ledger of an open run and carry out what it answers."""
+    def _apply(self, *events: ledger_events.Event) -> None:
+        """Pass events to the ledger of an open run and carry out what it answers."""
         active = self._active
         if active is None or active.is_closing:
             return
         run = active.run
-        out = run.ledger.handle(event, self._now)
+        out = [item for event in events for item in run.ledger.handle(event, self._now)]
         if out:  # nothing follows from most answers
-            run.record(item.entry for item in out if isinstance(item, ledger_events.Record))
+            self._entries += [item.entry for item in out if isinstance(item, ledger_events.Record)]
         for item in out:
             match item:
                 case ledger_events.Dispatch(block, attempt, simulator):
@@ -311,6 +298,12 @@ class CoordinatorSession:
                     self._log("error", f"block {block} is quarantined: {why}")
         if run.ledger.finished and not active.is_closing:
             self._next_round_or_close(active)
+
+    def _write_entries(self) -> None:
+        """Write to the disk what the ledger has recorded: nothing that follows from it was published yet."""
+        if self._entries and self._active is not None:
+            self._active.run.record(self._entries)
+            self._entries = []
 
     def _send(self, run: Run, block: int, attempt: int, simulator: str) -> None:
         incarnation = self._pool.send(simulator, block, attempt, self._now)

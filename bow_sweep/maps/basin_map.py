@@ -11,6 +11,9 @@ from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sim.protocol.verdict_fields import PENDING, VERDICT_FIELDS
 
+SPARSE = 8
+"""Cells that are looked at for each cell with a new verdict, at most: to look at one out of order costs so much."""
+
 
 def transient_lengths(regime: np.ndarray, transient: np.ndarray) -> np.ndarray:
     """Return the transient lengths of cells, (cells,) float32 periods; 0 = never.
@@ -40,6 +43,16 @@ def _place(cells: np.ndarray) -> np.ndarray | slice:
     return at
 
 
+def _together(places: list[np.ndarray | slice]) -> np.ndarray | slice:
+    """Return an index of all cells of some places: a slice where it has few others, which NumPy handles faster."""
+    ends = [(at.start, at.stop - 1) if isinstance(at, slice) else (at.min(), at.max()) for at in places]
+    first, last = min(lowest for lowest, _ in ends), max(highest for _, highest in ends)
+    count = sum(at.stop - at.start if isinstance(at, slice) else len(at) for at in places)
+    if last - first < SPARSE * count:
+        return slice(int(first), int(last) + 1)
+    return np.unique(np.concatenate([np.arange(at.start, at.stop) if isinstance(at, slice) else at for at in places]))
+
+
 class Basin:
     """The verdicts over the plane of a sweep.
 
@@ -55,26 +68,39 @@ class Basin:
     ----------
     layers
         Name -> (tests, cells), one for each of :data:`bow_sim.protocol.verdict_fields.VERDICT_FIELDS`.
-    tested
-        (cells,) uint16, number of tests of each cell.
-    transient_periods
-        (cells,) float32, periods until the tests first passed (section III.B), or, where the verdicts have one,
-        Guettler's transient (PHYSICS.md section 14); 0 = not yet, NaN = no test.
     """
 
     def __init__(self, nx: int, ny: int, tests: int, repeats: int = 0) -> None:
         self.nx, self.ny, self.tests = nx, ny, tests
         shape = (tests, (1 + repeats) * ny * nx)
         self.layers: dict[str, np.ndarray] = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
-        self.tested = np.zeros(shape[1], np.uint16)
-        self.transient_periods = np.full(shape[1], np.nan, np.float32)
+        self._tested = np.zeros(shape[1], np.uint16)
+        self._transient_periods = np.full(shape[1], np.nan, np.float32)
         self._first_passed = np.full(shape[1], tests, np.int32)  # test; `tests` = none yet
         self._latest_stated = np.full(shape[1], -1, np.int32)  # the latest test whose verdict has a transient
+        self._new: dict[int, list[np.ndarray | slice]] = {}  # test -> cells that have no part in the above yet
+
+    @property
+    def tested(self) -> np.ndarray:
+        """Number of tests of each cell, (cells,) uint16."""
+        self._derive_new()
+        return self._tested
+
+    @property
+    def transient_periods(self) -> np.ndarray:
+        """Periods until the tests first passed (section III.B), (cells,) float32; 0 = not yet, NaN = no test.
+
+        Where the verdicts have one, Guettler's transient (PHYSICS.md section 14).
+        """
+        self._derive_new()
+        return self._transient_periods
 
     def take(self, test: int, cells: np.ndarray, verdict: Mapping[str, Any]) -> None:
         """Store the verdicts of one test of some cells; the same verdicts a second time change nothing.
 
-        Its time does not depend on the number of tests, unless one of the cells has verdicts of this test already.
+        What follows from them is derived when it is read, from all new verdicts of a test together: a map is read a few
+        times in a second, and verdicts come a thousand times. The time does not depend on the number of tests, unless
+        one of the cells has verdicts of this test already.
 
         Parameters
         ----------
@@ -86,32 +112,46 @@ class Basin:
             Field -> (n,) values.
         """
         at = _place(cells)
-        is_new = not (self.layers["regime"][test, at] != PENDING).any()
+        regime = self.layers["regime"][test, at]
+        is_new = regime.min(initial=PENDING) == PENDING
         for name, layer in self.layers.items():
             layer[test, at] = verdict[name]
         if not is_new:  # what this test gave before may have to be taken back
+            self._derive_new()
             self._derive(at)
+        elif regime.size:
+            self._tested[at] += self.layers["regime"][test, at] != PENDING
+            self._new.setdefault(test, []).append(at)
+
+    def _derive_new(self) -> None:
+        """Derive what follows from new verdicts, test by test."""
+        if not self._new:
             return
-        regime, stated = self.layers["regime"][test, at], ~np.isnan(self.layers["transient"][test, at])
-        self.tested[at] += regime != PENDING
-        first = np.where(is_helmholtz(regime), np.minimum(self._first_passed[at], test), self._first_passed[at])
-        self._first_passed[at] = first
-        self.transient_periods[at] = np.where(first < self.tests, (first + 1) * CHUNK_PERIODS, 0)
+        new, self._new = self._new, {}
+        for test, places in new.items():
+            at = _together(places)
+            regime, stated = self.layers["regime"][test, at], ~np.isnan(self.layers["transient"][test, at])
+            passed = np.where(is_helmholtz(regime), np.int32(test), np.int32(self.tests))
+            self._first_passed[at] = np.minimum(self._first_passed[at], passed)
+            if stated.any():
+                self._latest_stated[at] = np.maximum(self._latest_stated[at], np.where(stated, test, -1))
+        at = _together([place for places in new.values() for place in places])
+        first, none = self._first_passed[at], np.where(self._tested[at] > 0, np.float32(0), np.float32(np.nan))
+        self._transient_periods[at] = np.where(first < self.tests, (first + 1) * CHUNK_PERIODS, none)
         latest = self._latest_stated[at]
-        if stated.any() or latest.max(initial=-1) >= 0:
-            latest = self._latest_stated[at] = np.where(stated, np.maximum(latest, test), latest)
-            known = np.arange(self.tested.size)[at][latest >= 0]
-            self.transient_periods[known] = self.layers["transient"][self._latest_stated[known], known]
+        if latest.max(initial=-1) >= 0:
+            known = np.arange(self._tested.size)[at][latest >= 0]
+            self._transient_periods[known] = self.layers["transient"][self._latest_stated[known], known]
 
     def _derive(self, at: np.ndarray | slice) -> None:
         """Derive what is kept of some cells from all of their tests, which takes as long as there are tests."""
         regime, transient = self.layers["regime"][:, at], self.layers["transient"][:, at]
         passed, stated = is_helmholtz(regime), ~np.isnan(transient)
-        self.tested[at] = np.count_nonzero(regime != PENDING, axis=0)
+        self._tested[at] = np.count_nonzero(regime != PENDING, axis=0)
         self._first_passed[at] = np.where(passed.any(axis=0), passed.argmax(axis=0), self.tests)
         latest = len(stated) - 1 - stated[::-1].argmax(axis=0)
         self._latest_stated[at] = np.where(stated.any(axis=0), latest, -1)
-        self.transient_periods[at] = transient_lengths(regime, transient)
+        self._transient_periods[at] = transient_lengths(regime, transient)
 
     def latest(self, name: str) -> np.ndarray:
         """Return a layer at the latest test of every cell, (cells,)."""
