@@ -169,33 +169,46 @@ def middle_of(runs: Iterable[dict[str, Any]], key: str) -> dict[str, Any]:
     return ordered[(len(ordered) - 1) // 2]
 
 
-def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) -> dict[str, Any]:
+RECORDS = ("all", "verdicts")
+"""What the maps of a standing graph record, in turn."""
+
+
+def standing(settings: Sequence[str], simulators: int, maps: int, folder: Path) -> dict[str, dict[str, Any]]:
     """Run maps through a graph that stands, each right after the bare kernel; return one, that of the median ratio.
 
     `blocks_s` is from the first block sent to the last one done, `over_bare` its ratio to the bare kernel's wall time
     just before: other guests of the machine slow both. The first map is left out. The CPU time is that from a goal to
     its result, of each process, results and picture written.
+
+    Returns
+    -------
+    dict
+        For each of `RECORDS`: its map.
     """
     namespace = f"/bow/bench_{secrets.token_hex(4)}"
-    runs = []
+    runs: dict[str, list[dict[str, Any]]] = {record: [] for record in RECORDS}
     with (
         bare_kernel(settings, simulators) as bare,
         standing_graph(namespace, folder, simulators) as processes,
         contextlib.closing(Client(namespace)) as client,
     ):
-        for _ in range(maps + 1):
+        for number in range(len(RECORDS) * (maps + 1)):
+            record = RECORDS[number % len(RECORDS)]
             alone = bare()
             before = cpu_of(processes)
             began = time.perf_counter()
-            result = client.sweep(PRESET, settings)
+            result = client.sweep(PRESET, [*settings, f"record={record}"])
             wall = time.perf_counter() - began
             cpu = {name: seconds - before[name] for name, seconds in cpu_of(processes).items()}
             at = times(read_ledger(Path(result.directory)))
             blocks_s = max(at["done"]) - min(at["dispatched"])
             one: dict[str, Any] = {"wall_s": wall, "blocks_s": blocks_s, "cpu_s": sum(cpu.values()), "processes": cpu}
-            runs.append(one | {"bare_kernel": alone, "over_bare": blocks_s / alone["wall_s"]})
+            runs[record].append(one | {"bare_kernel": alone, "over_bare": blocks_s / alone["wall_s"]})
             shutil.rmtree(result.directory)
-    return middle_of(runs[1:], "over_bare") | {"all_over_bare": sorted(run["over_bare"] for run in runs[1:])}
+    return {
+        record: middle_of(some[1:], "over_bare") | {"all_over_bare": sorted(run["over_bare"] for run in some[1:])}
+        for record, some in runs.items()
+    }
 
 
 def measure(width: int, height: int, simulators: int, repeats: int, folder: Path | None = None) -> dict[str, Any]:
@@ -216,7 +229,8 @@ def measure(width: int, height: int, simulators: int, repeats: int, folder: Path
             shutil.rmtree(run)
         kept = standing(size_settings(width, height), simulators, STANDING_MAPS if repeats > 1 else 2, Path(made))
     middle = middle_of(runs, "wall_s")
-    result["graph"], result["standing"] = middle, kept
+    result["graph"], result["standing"] = middle, kept["all"]
+    result["verdicts_only"] = kept["verdicts"]
     result["all_walls_s"] = sorted(one["wall_s"] for one in runs)
     alone = result["bare_kernel"]
     result["over_bare"] = {

@@ -25,7 +25,7 @@ from bow_sim.simd.lane_types import LANES as EIGHT
 from bow_sim.simd.lane_types import LANES_OF, element_aligned, pointer, vector
 from bow_sim.simd.lanes import aligned
 
-CHAINS = (4, 8, 12, 16, 24)
+CHAINS = (4, 6, 8, 12, 16, 24)
 """Numbers of chains tried; the most that a machine does depends on how many registers it has."""
 
 TIMES = 20_000

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +31,18 @@ class Recording:
         (samples,).
     sample_rate, f0, beta
         Hz, Hz, and the bow position; None where the file does not say it.
+    name
+        What it is of: the file, and the channel where there are several.
+    notes
+        What a reader should know of it, a sentence each.
     """
 
     samples: NDArray[np.floating]
     sample_rate: float | None = None
     f0: float | None = None
     beta: float | None = None
+    name: str = ""
+    notes: tuple[str, ...] = ()
 
 
 def read_recording(path: str | Path, channel: int = 0, topic: str | None = None, cell: int = 0) -> Recording:
@@ -60,17 +67,15 @@ def read_recording(path: str | Path, channel: int = 0, topic: str | None = None,
     """
     place = Path(path)
     rate: float | None = None
+    notes: list[str] = []
     try:
         match place.suffix.lower():
             case ".wav":
-                from scipy.io import wavfile
-
-                whole, data = wavfile.read(place)
-                rows, rate = np.asarray(data, float).reshape(len(data), -1).T, float(whole)
+                rows, rate, notes = _from_wav(place)
             case ".npy":
-                rows = np.atleast_2d(np.asarray(np.load(place, allow_pickle=False), float))
+                rows = np.atleast_2d(np.load(place, allow_pickle=False))
             case ".mcap":
-                return _from_bag(place, topic, cell)
+                return replace(_from_bag(place, topic, cell), name=str(place))
             case _:
                 raise RecordingError(f"{place}: should end in .wav, .npy or .mcap")
     except FileNotFoundError:
@@ -78,12 +83,38 @@ def read_recording(path: str | Path, channel: int = 0, topic: str | None = None,
     except (OSError, ValueError, TypeError, struct.error) as error:
         if isinstance(error, RecordingError):
             raise
-        raise RecordingError(f"{place}: cannot be read as a recording: {error}") from None
+        why = "it ends within its header" if isinstance(error, struct.error) else error
+        raise RecordingError(f"{place}: cannot be read as a recording: {why}") from None
     if topic is not None:
         raise RecordingError(f"{place}: has no topics; leave {topic!r} out")
-    if rows.ndim != 2 or not 0 <= channel < len(rows):
+    if rows.ndim != 2:
+        raise RecordingError(f"{place}: shape {rows.shape}; should be a row of numbers, or a row for each channel")
+    if not 0 <= channel < len(rows):
         raise RecordingError(f"{place}: channel {channel}: it has {len(rows)}, from 0 on")
-    return Recording(rows[channel], rate)
+    if len(rows) == 1:
+        return Recording(rows[0], rate, name=str(place), notes=tuple(notes))
+    notes.append(f"channel {channel} of 0 ... {len(rows) - 1} is judged")
+    return Recording(rows[channel], rate, name=f"{place}, channel {channel}", notes=tuple(notes))
+
+
+def _from_wav(path: Path) -> tuple[NDArray[Any], float, list[str]]:
+    """Return a row for each channel, the sample rate, and what there is to say."""
+    from scipy.io import wavfile
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            rate, data = wavfile.read(path)
+        except ValueError as error:
+            if "reshape" not in str(error):
+                raise
+            raise RecordingError(f"{path}: is cut off, with more samples of one channel than of another") from None
+    if not len(data):
+        raise RecordingError(f"{path}: holds no samples")
+    # of chunks that are no sound (title, date, microphone) it warns too
+    is_cut = any("EOF" in str(each.message) for each in caught)
+    notes = [f"the file is cut off after {len(data) / rate:.2f} s"] if is_cut else []
+    return data.reshape(len(data), -1).T, float(rate), notes
 
 
 def _from_bag(path: Path, topic: str | None, cell: int) -> Recording:

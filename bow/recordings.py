@@ -12,12 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from bow.recorded import read_recording
 from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.measured.force_slips import bow_speeds, intervals, velocity
+from bow_classifier.measured.samples import CLIPPED, longest_run
 from bow_classifier.measured.tuning import BETA, CORNER, WITHIN, Given, RecordingError, Tuning, checked, tune
 from bow_classifier.verdict.regimes import REGIMES, is_helmholtz
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.cell.cell_record import CellTests
 from bow_sweep.maps.plane import regime_label
+
+FEWEST_VALUES = 64
+"""Different values that a recording must have before equal ones in a row are called clipped."""
 
 __all__ = ["BETA", "Judged", "RecordingError", "classify"]
 
@@ -40,6 +44,8 @@ class Judged:
         (tests,) bow speed in the unit of the recording, its sign the polarity of the sensor.
     start
         Where the first test begins, seconds: less than a period.
+    notes
+        What makes the verdicts doubtful, or should be known of the recording: a sentence each.
     """
 
     tests: CellTests
@@ -48,6 +54,7 @@ class Judged:
     beta: float
     bow_speed: NDArray[np.float64]
     start: float
+    notes: tuple[str, ...] = ()
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -74,6 +81,7 @@ class Judged:
         lines = [f"{len(self.time)} tests, {self.time[-1]:.2f} s; {pitch}; beta {self.beta:.3f}"]
         for first, last, name in self.tests.runs():
             lines.append(f"{first / self.f0:8.3f} - {last / self.f0:.3f} s  {regime_label(name)}")
+        lines += [f"note: {note}" for note in self.notes]
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -129,12 +137,15 @@ def classify(
     <bow.Judged 11 tests: multiple_slip 73%, multiple_flyback 18%, aperiodic 9%>
     """
     samples: ArrayLike
+    name = "x"
+    notes: tuple[str, ...] = ()
     if isinstance(x, str | Path):
         read = read_recording(x, channel, topic, cell)
         if None not in (sample_rate, read.sample_rate) and sample_rate != read.sample_rate:
             raise RecordingError(f"sample_rate = {sample_rate}: {x} says {read.sample_rate:g} Hz; leave it out")
         samples, sample_rate = read.samples, read.sample_rate if sample_rate is None else sample_rate
         f0, beta = read.f0 if f0 is None else f0, read.beta if beta is None else beta
+        name, notes = read.name, read.notes
     else:
         samples = x
     if sample_rate is None:
@@ -142,15 +153,26 @@ def classify(
     if f0 is None:
         raise RecordingError(f"{_named(x)}: does not say the frequency of the string; give it (f0=, --f0)")
     given = Given(sample_rate, f0, BETA if beta is None else beta, f0_within)
-    string, wave = tune(checked(samples, given), given)
-    return _judged(wave, string, thresholds or Thresholds(corner=CORNER))
+    force = checked(samples, given, name)
+    string, wave = tune(force, given)
+    return _judged(wave, string, thresholds or Thresholds(corner=CORNER), (*notes, *_limits(force)))
+
+
+def _limits(force: NDArray[np.float64]) -> list[str]:
+    """Return a sentence where samples stay at the greatest or smallest value."""
+    runs = [(longest_run(force, value), value) for value in (force.max(), force.min())]
+    longest, value = max(runs)
+    # where there are few different values, equal ones in a row say nothing
+    if longest < CLIPPED or len(np.unique(force)) < FEWEST_VALUES:
+        return []
+    return [f"perhaps clipped: {longest} samples in a row at {value:g}, beyond which there are none"]
 
 
 def _named(x: ArrayLike | str | Path) -> str:
     return str(x) if isinstance(x, str | Path) else "x"
 
 
-def _judged(wave: NDArray[np.float64], string: Tuning, thresholds: Thresholds) -> Judged:
+def _judged(wave: NDArray[np.float64], string: Tuning, thresholds: Thresholds, notes: tuple[str, ...]) -> Judged:
     samples, sign, start = string.samples, string.sign, string.start
     speed = velocity(wave, string.delay)
     chunks = (len(wave) - start) // samples
@@ -170,4 +192,4 @@ def _judged(wave: NDArray[np.float64], string: Tuning, thresholds: Thresholds) -
     layers["regime"] = np.where(helmholtz, REGIMES.index("helmholtz"), layers["regime"]).astype(np.uint8)
     periods = np.arange(1, chunks + 1) * CHUNK_PERIODS
     tests = CellTests(periods=periods, helmholtz=helmholtz, regime_names=REGIMES, **layers)
-    return Judged(tests, string.f0, string.found, string.beta, units, start / string.period / string.f0)
+    return Judged(tests, string.f0, string.found, string.beta, units, start / string.period / string.f0, notes)

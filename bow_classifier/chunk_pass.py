@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_classifier.features.corners import count_corners
+from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
@@ -117,8 +117,7 @@ class Result(NamedTuple):
 class _Workspace(NamedTuple):
     """The arrays that a pass works in: records of eight cells, (8, history + samples) float32, and those of its parts.
 
-    `levels` and `tally` are (8,) float32, `slip_tally` (8,) float64; `onsets` and `stops` of the significant slips of a
-    cell are int64.
+    `slip_tally` is (8,) float64; `onsets` and `stops` of the significant slips of a cell are int64.
     """
 
     rows: Any
@@ -127,8 +126,7 @@ class _Workspace(NamedTuple):
     slip_tally: Any
     onsets: Any
     stops: Any
-    levels: Any
-    tally: Any
+    corners: Any
     long_periods: Any
     ripples: Any
     wolf: Any
@@ -144,8 +142,7 @@ def _workspace(samples, history, period, lags, wolf):
         np.empty(LANES),
         np.empty(samples // 2 + 2, np.int64),
         np.empty(samples // 2 + 2, np.int64),
-        np.empty(LANES, np.float32),
-        np.empty(LANES, np.float32),
+        corner_workspace(samples),
         long_workspace(samples, period, lags.shortest, lags.longest),
         ripple_workspace(history + samples),
         wolf_workspace(wolf, period),
@@ -190,9 +187,7 @@ def _measure_cell(i, row, start, setup, features, workspace):
     """Write corners, long period and ripples of cell i to the features, which have the first two tests already."""
     strings, lags, limits = setup
     delay = strings.delay[i]
-    corners = count_corners(
-        row, start, delay, strings.corner[i], strings.spread[i], workspace.levels, workspace.tally
-    )  # fmt: skip
+    corners = count_corners(row, start, delay, strings.corner[i], strings.spread[i], workspace.corners)
     features.corners[i], features.corner_clusters[i], features.sure_corners[i] = corners
     features.loudness[i] /= strings.height[i]
     moves = features.slips[i] > 0 and features.loudness[i] >= limits.silence

@@ -1,4 +1,4 @@
-"""Stations by launchers that others have: a launch file for a list of hosts, a Slurm job, a systemd unit."""
+"""Stations by launchers that others have: a launch file for hosts, a Slurm job, a systemd unit, containers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from checkout import ROOT
+from compose import compose_services
 from graph import PATIENCE_S, SMALL, verified
 from launch_stand_ins import launched, put_in_place
 
@@ -135,3 +136,34 @@ def test_the_unit_starts_a_station_that_its_file_names() -> None:
     assert (chosen.name, chosen.joined, chosen.network) == ("lab2", RUN_ID, "10.0.0.1")
     assert chosen.out == Path("/var/lib/bow")
     assert unit["Service"]["SuccessExitStatus"] == "130", "that of a station that is interrupted"
+
+
+def test_the_services_of_the_compose_file_are_commands_of_ours_and_share_no_host() -> None:
+    services = compose_services(NAME="lab2", RUN=RUN_ID, NETWORK="10.0.0.1", ROS_DOMAIN_ID="7", RUNS="/data")
+    chosen = {}
+    for name, service in services.items():
+        program, *words = [*service["entrypoint"], *service["command"]]
+        assert program == "bow"
+        chosen[name] = parser().parse_args(words)
+        assert (service["stop_signal"], service["init"]) == ("SIGINT", True)
+        assert service["volumes"][0] == "/data:/work/runs"
+        assert service["environment"]["ROS_DOMAIN_ID"] == 7
+        assert service["ipc"] == "private", (
+            "with one /dev/shm, one would remove the files of another, whose processes it does not see"
+        )
+    assert (chosen["sweep"].command, chosen["sweep"].network) == ("sweep", "10.0.0.1")
+    station = chosen["station"]
+    assert (station.name, station.joined, station.network) == ("lab2", RUN_ID, "10.0.0.1")
+    assert {name for name, each in services.items() if each.get("network_mode") == "host"} == {"sweep", "station"}
+    tried = [services["try-sweep"], services["try-station"]]
+    assert len({each["hostname"] for each in tried}) == 2, "processes are known by host and number"
+    assert chosen["try-sweep"].out == Path(chosen["try-station"].joined)
+    assert tried[0]["healthcheck"]["test"][-1] == f"{chosen['try-sweep'].out}/ledger.jsonl"
+    assert tried[1]["depends_on"] == {"try-sweep": {"condition": "service_healthy"}}
+
+
+def test_a_station_service_without_a_run_is_refused_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    service = compose_services()["station"]
+    args = parser().parse_args([*service["entrypoint"][1:], *service["command"]])
+    assert args.run(args) == 2
+    assert "--run RUN_ID: should be the identity of a run" in capsys.readouterr().err

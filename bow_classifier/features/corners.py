@@ -21,12 +21,13 @@ from bow_sim.simd.lanes import LANES, absolute, choose
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
 store: Any = lanes.store
+read: Any = lanes.read
 bits_of: Any = lanes.bits_of
 lowest_bit: Any = lanes.lowest_bit
 flipped: Any = columns.flipped
 
 _BITS = 64
-"""Samples whose candidates for a corner are found together, as the bits of one number."""
+"""Samples whose candidates for a corner are the bits of one number."""
 
 
 class Corners(NamedTuple):
@@ -47,6 +48,32 @@ class Corners(NamedTuple):
     sure: float
 
 
+class Workspace(NamedTuple):
+    """The arrays that `count_corners` works in.
+
+    Attributes
+    ----------
+    levels, tally
+        (8,) float32: the thresholds, and how many corners exceed each of them.
+    found
+        (samples / 8, rounded up to words,) uint8: where a corner may be, as bits, the lowest first.
+    words
+        The same memory as uint64, on all machines that Numba compiles for: their lowest byte is the first.
+    """
+
+    levels: Any
+    tally: Any
+    found: Any
+    words: Any
+
+
+@part(nogil=True, error_model="numpy")
+def corner_workspace(samples):
+    """Return the workspace for windows of `samples`."""
+    words = np.zeros(-(-samples // _BITS), np.uint64)
+    return Workspace(np.empty(LANES, np.float32), np.empty(LANES, np.float32), words.view(np.uint8), words)
+
+
 @part(**LEAN)
 def _starts(row, at, delay, lowest, highest):
     """Return, as bits, at which of eight samples y may begin to exceed a level between the two."""
@@ -56,21 +83,19 @@ def _starts(row, at, delay, lowest, highest):
 
 
 @part(**LEAN)
-def _candidates(row, begin, end, delay, lowest, highest):
-    """Return the same for the `_BITS` samples from `begin` on, or those up to the end."""
-    found = np.uint64(0)
-    if begin + _BITS <= end:
-        for k in range(0, _BITS, LANES):
-            found |= np.uint64(_starts(row, begin + k, delay, lowest, highest)) << np.uint64(k)
-        return found
-    for group in range(begin, end, LANES):
-        at = min(group, end - LANES)  # the last group overlaps the one before
-        found |= np.uint64(_starts(row, at, delay, lowest, highest) >> (group - at)) << np.uint64(group - begin)
-    return found
+def _candidates(row, start, delay, lowest, highest, found):
+    """Write the same for all samples from `start` on to `found`, a byte for eight of them."""
+    end, place = row.shape[0], 0
+    for at in range(start, end - LANES + 1, LANES):
+        found[place] = _starts(row, at, delay, lowest, highest)
+        place += 1
+    over = (end - start) % LANES
+    if over:  # the last group overlaps the one before
+        found[place] = _starts(row, end - LANES, delay, lowest, highest) >> (LANES - over)
 
 
 @part(**LEAN)
-def count_corners(row, start, delay, level, gap, levels, tally):
+def count_corners(row, start, delay, level, gap, workspace):
     """Return the `Corners` of one cell.
 
     Parameters
@@ -85,9 +110,9 @@ def count_corners(row, start, delay, level, gap, levels, tally):
         Threshold of the magnitude of y, units of the bridge force; not negative.
     gap : float
         Samples; two corners further apart belong to different clusters.
-    levels, tally : ndarray of float32, shape (8,)
-        Workspace.
+    workspace : Workspace
     """
+    levels, tally, found, words = workspace
     end = row.shape[0]
     for k in range(LANES):
         levels[k] = FACTORS[k] * level if k < FACTORS.shape[0] else np.inf
@@ -98,17 +123,21 @@ def count_corners(row, start, delay, level, gap, levels, tally):
     count, one = spread(np.float32(0.0)), spread(np.float32(1.0))
     near = int(gap)  # samples are whole numbers: none lies between this and the gap
     latest, clusters = -end, 0
-    for begin in range(start, end, _BITS):
-        candidates = _candidates(row, begin, end, delay, lowest, highest)
+    _candidates(row, start, delay, lowest, highest, found)
+    begin = start
+    for word in words:
+        candidates = word
         while candidates:
             t = begin + lowest_bit(candidates)
             candidates &= candidates - np.uint64(1)
-            now, before = row[t] - row[t - delay], row[t - 1] - row[t - 1 - delay]
+            now = read(row, t, lowest) - read(row, t - delay, lowest)
+            before = read(row, t - 1, lowest) - read(row, t - 1 - delay, lowest)
             if_up = -before if now < 0.0 else before
             onset = (high < abs(now)) & (high >= if_up)
             count = count + choose(onset, one, 0.0)
             counts = bits_of(onset) & 1
             clusters += counts & int(t - latest > near)
             latest = t if counts else latest
+        begin += _BITS
     store(tally, 0, count)
     return Corners(int(tally[0]), clusters, sureness(tally))

@@ -21,6 +21,8 @@ from bow_sim.simd.lanes import LANES, choose, root
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
 store: Any = lanes.store
+read: Any = lanes.read
+write: Any = lanes.write
 
 COARSE = 8
 """Samples averaged for the coarse search: it costs a sixty-fourth, and the fine search corrects its errors."""
@@ -102,19 +104,18 @@ def _moments(x, begin, n, eight):
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
 
-    The slice y makes the indices start at 0: Numba then need not test for negative ones, which took half of the time.
+    Samples are read by `read`, here and below: for each index in brackets Numba tests whether it is negative.
     """
-    y = x[begin : begin + n]
     for i in range(0, products.shape[0], LANES):
-        earlier = begin + i - lag
+        earlier = i - lag
         a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
-        for t in range(0, n - 3, 4):
-            a = a + y[t] * load(x, t + earlier)
-            b = b + y[t + 1] * load(x, t + 1 + earlier)
-            c = c + y[t + 2] * load(x, t + 2 + earlier)
-            d = d + y[t + 3] * load(x, t + 3 + earlier)
-        for t in range(n // 4 * 4, n):
-            a = a + y[t] * load(x, t + earlier)
+        for t in range(begin, begin + n - 3, 4):
+            a = a + read(x, t, 0.0) * load(x, t + earlier)
+            b = b + read(x, t + 1, 0.0) * load(x, t + 1 + earlier)
+            c = c + read(x, t + 2, 0.0) * load(x, t + 2 + earlier)
+            d = d + read(x, t + 3, 0.0) * load(x, t + 3 + earlier)
+        for t in range(begin + n // 4 * 4, begin + n):
+            a = a + read(x, t, 0.0) * load(x, t + earlier)
         store(products, i, (a + c) + (b + d))
 
 
@@ -126,15 +127,17 @@ def _slide(x, begin, n, first, last, total, square, totals, squares):
     """
     up, up_square = total, square
     for lag in range(n, last + 1):
-        totals[last - lag], squares[last - lag] = up, up_square
-        enters, leaves = x[begin - lag - 1], x[begin - lag - 1 + n]
+        write(totals, last - lag, up)
+        write(squares, last - lag, up_square)
+        enters, leaves = read(x, begin - lag - 1, 0.0), read(x, begin - lag - 1 + n, 0.0)
         up += enters - leaves
         up_square += (enters - leaves) * (enters + leaves)
     for lag in range(n - 1, first - 1, -1):
-        enters, leaves = x[begin - lag - 1 + n], x[begin - lag - 1]
+        enters, leaves = read(x, begin - lag - 1 + n, 0.0), read(x, begin - lag - 1, 0.0)
         total += enters - leaves
         square += (enters - leaves) * (enters + leaves)
-        totals[last - lag], squares[last - lag] = total, square
+        write(totals, last - lag, total)
+        write(squares, last - lag, square)
 
 
 @part(**LEAN)
@@ -220,19 +223,21 @@ def _coarse(y, n, first, last, sums, r):
     _products(y, begin, n, last, products)
     total, square = 0.0, 0.0
     for t in range(begin, begin + n):
-        total += y[t]
-        square += y[t] * y[t]
+        now = read(y, t, 0.0)
+        total += now
+        square += now * now
     one_nth = 1.0 / n
     variation = square - total * total * one_nth
     if not variation > CONSTANT * square:
         variation = np.nan
     earlier, earlier_square = total, square
     for lag in range(1, last + 1):
-        enters, leaves = y[begin - lag], y[begin - lag + n]
+        enters, leaves = read(y, begin - lag, 0.0), read(y, begin - lag + n, 0.0)
         earlier += enters - leaves
         earlier_square += (enters - leaves) * (enters + leaves)
         if lag >= first:
-            totals[last - lag], squares[last - lag] = earlier, earlier_square
+            write(totals, last - lag, earlier)
+            write(squares, last - lag, earlier_square)
     r[:] = 0.0
     _add_coefficients(products, total * one_nth, variation, totals, squares, square, one_nth, r)
 

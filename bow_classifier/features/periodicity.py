@@ -17,6 +17,7 @@ from bow_sim.simd import lanes
 from bow_sim.simd.columns import columns
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, choose, root
+from bow_sim.simd.products import lagged_products
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 spread: Any = lanes.spread
@@ -26,11 +27,13 @@ mask_of: Any = lanes.mask_of
 CONSTANT = 1e-13
 """A window is constant if its variation is no more than this share of its sum of squares: rounding makes as much."""
 
-_STEP = 4
-"""Lags, and samples, whose products are summed together, so that each sample is read once for several of them.
+_MANY, _FEW = 11, 6
+"""Lags whose products are summed together, so that each sample is read once for all of them.
 
-One or two lags left over are computed as four, three as three: the products take half of the time of the test.
+A string of 139 samples has eleven. Lags left over are computed as six, more than six as eleven.
 """
+
+_many_products, _few_products = lagged_products(_MANY), lagged_products(_FEW)
 
 
 class Workspace(NamedTuple):
@@ -75,10 +78,10 @@ class EightMaxima(NamedTuple):
 @part(nogil=True, error_model="numpy")
 def periodicity_workspace(samples, period, first, last):
     """Return the workspace for windows of `samples` and the lags first ... last, both samples."""
-    lags = -(-(last - first + 1) // _STEP) * _STEP
+    lags = last - first + 1
     before = last + 1  # the sums slide one sample beyond the last lag
-    x = np.zeros((before + samples + _STEP) * LANES)
-    return Workspace(x, np.zeros(LANES), np.zeros(lags * LANES), np.zeros((last - first + 1) * LANES))
+    x = np.zeros((before + samples + _MANY) * LANES)
+    return Workspace(x, np.zeros(LANES), np.zeros((lags + _MANY) * LANES), np.zeros(lags * LANES))
 
 
 @part(**LEAN)
@@ -111,53 +114,14 @@ def _moments(x, begin, n):
 
 
 @part(**LEAN)
-def _three_products(x, begin, n, lag, products, first):
-    """Write three sums to products, from index `first` on, as `_products` does."""
-    now, past = begin * LANES, (begin - lag) * LANES + first
-    a = b = c = spread(0.0)
-    p, q = load(x, past), load(x, past + LANES)
-    for _ in range(n):
-        y, r = load(x, now), load(x, past + 2 * LANES)
-        a, b, c = a + y * p, b + y * q, c + y * r
-        p, q = q, r
-        now += LANES
-        past += LANES
-    store(products, first, a)
-    store(products, first + LANES, b)
-    store(products, first + 2 * LANES, c)
-
-
-@part(**LEAN)
 def _products(x, begin, n, lag, lags, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on, for i below `lags`."""
-    fours = lags // _STEP + int(lags % _STEP in (1, 2))
-    if lags % _STEP == _STEP - 1:
-        _three_products(x, begin, n, lag, products, fours * _STEP * LANES)
-    for first in range(0, fours * _STEP * LANES, _STEP * LANES):
-        now, past = begin * LANES, (begin - lag) * LANES + first
-        a = b = c = d = spread(0.0)
-        p, q, r = load(x, past), load(x, past + LANES), load(x, past + 2 * LANES)
-        for _ in range(n // _STEP):  # p, q, r and s are four successive samples; each step replaces the oldest
-            y, s = load(x, now), load(x, past + 3 * LANES)
-            a, b, c, d = a + y * p, b + y * q, c + y * r, d + y * s
-            y, p = load(x, now + LANES), load(x, past + 4 * LANES)
-            a, b, c, d = a + y * q, b + y * r, c + y * s, d + y * p
-            y, q = load(x, now + 2 * LANES), load(x, past + 5 * LANES)
-            a, b, c, d = a + y * r, b + y * s, c + y * p, d + y * q
-            y, r = load(x, now + 3 * LANES), load(x, past + 6 * LANES)
-            a, b, c, d = a + y * s, b + y * p, c + y * q, d + y * r
-            now += _STEP * LANES
-            past += _STEP * LANES
-        for _ in range(n % _STEP):
-            y, s = load(x, now), load(x, past + 3 * LANES)
-            a, b, c, d = a + y * p, b + y * q, c + y * r, d + y * s
-            p, q, r = q, r, s
-            now += LANES
-            past += LANES
-        store(products, first, a)
-        store(products, first + LANES, b)
-        store(products, first + 2 * LANES, c)
-        store(products, first + 3 * LANES, d)
+    now, past, first = begin * LANES, (begin - lag) * LANES, 0
+    while lags - first > _FEW:
+        _many_products(x, now, past + first * LANES, n, products, first * LANES)
+        first += _MANY
+    if first < lags:
+        _few_products(x, now, past + first * LANES, n, products, first * LANES)
 
 
 @part(**LEAN)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_classifier.measured.pieces import Piece, Pieces
+from bow_classifier.measured.samples import CLIPPED, longest_run
 from bow_classifier.measured.tuning import Given, Tuning, tune
 
 SETTLE_PERIODS = 200
@@ -34,9 +35,6 @@ PAUSE_S = 1.0
 RATE_S, RATE_OFF = 5.0, 0.03
 """It is said that the rate of arrival is not the sample rate if it differs by more than this part of it, over so many
 seconds and again over as many: a busy machine is late too, but not by the same part."""
-
-CLIPPED = 4
-"""Equal samples in a row, at the largest or smallest value so far, that are said to be clipped."""
 
 COMPLAINTS = 100
 """Complaints that are kept, at most; the oldest are dropped first."""
@@ -193,8 +191,7 @@ class Listener:
         if lowest == highest:
             return
         for value in self._extremes:
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], samples == value, [False]]).astype(np.int8)))
-            longest = int((edges[1::2] - edges[::2]).max()) if edges.size else 0
+            longest = longest_run(samples, value)
             if longest >= CLIPPED:
                 self._clipped += 1
                 if self._clipped == 1 or not self._clipped % 1000:

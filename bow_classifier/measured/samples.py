@@ -17,6 +17,10 @@ TYPES: dict[str, np.dtype[Any]] = {
 """Types of messages that can be judged: blocks of samples, or one sample each."""
 
 
+CLIPPED = 4
+"""Equal samples in a row, at the largest or smallest value, that are said to be clipped."""
+
+
 class SamplesError(ValueError):
     """A message does not have samples of one string; the text says why."""
 
@@ -74,3 +78,9 @@ def _one_row(samples: NDArray[np.floating], wide: list[str]) -> NDArray[np.float
     if len(wide) > 1:
         raise SamplesError(f"its layout has {len(wide)} dimensions ({', '.join(wide)}); should be a row of samples")
     return samples
+
+
+def longest_run(samples: NDArray[np.floating], value: float) -> int:
+    """Return how many samples in a row have a value, at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], samples == value, [False]]).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max()) if edges.size else 0

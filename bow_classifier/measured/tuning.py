@@ -39,6 +39,9 @@ WITHIN = 0.03
 FEWEST_SAMPLES = 16
 """Samples of a period that a recording must have: five harmonics and more."""
 
+NUMBERS = "iufb"
+"""Kinds of NumPy's types that a recording may have."""
+
 DENOMINATOR = 1000
 """Rates are taken as a ratio of whole numbers up to this: a period is right to a tenth of a sample in a hundred."""
 
@@ -136,24 +139,38 @@ class Tuning:
         return CHUNK_PERIODS * self.period
 
 
-def checked(x: ArrayLike, given: Given) -> NDArray[np.float64]:
+def checked(x: ArrayLike, given: Given, name: str = "x") -> NDArray[np.float64]:
     """Return a recording as an array that can be judged.
+
+    Parameters
+    ----------
+    x
+        (samples,) numbers.
+    given
+        What is known beforehand.
+    name
+        What an error calls it.
 
     Raises
     ------
     RecordingError
         Where it is too short, is of more than one string, holds what is no number, or no sound.
     """
-    force = np.asarray(x, float)
-    if force.ndim != 1:
-        raise RecordingError(f"x: shape {force.shape}; should be (samples,), one string")
+    raw = np.asarray(x)
+    if raw.dtype.kind not in NUMBERS:
+        raise RecordingError(f"{name}: holds {raw.dtype}; should be real numbers")
+    if raw.ndim != 1:
+        one = "x[0]" if raw.ndim == 2 and len(raw) < raw.shape[1] else "x[:, 0]"
+        example = f", for instance {one}" if raw.ndim == 2 else ""
+        raise RecordingError(f"{name}: shape {raw.shape}; should be (samples,), one string{example}")
+    force = raw.astype(float)
     if not np.isfinite(force).all():
-        raise RecordingError(f"x: sample {int(np.flatnonzero(~np.isfinite(force))[0])} is not a finite number")
+        raise RecordingError(f"{name}: sample {int(np.flatnonzero(~np.isfinite(force))[0])} is not a finite number")
     needed = (CHUNK_PERIODS + 2) * given.nominal
     if len(force) < needed:
-        raise RecordingError(f"x: {len(force)} samples; should be {needed:.0f} at least, seven periods")
+        raise RecordingError(f"{name}: {len(force)} samples; should be {needed:.0f} at least, seven periods")
     if np.ptp(force) == 0:
-        raise RecordingError("x: all samples are the same; should be a sound")
+        raise RecordingError(f"{name}: all samples are the same; should be a sound")
     return force
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import NamedTuple
 
 
@@ -26,7 +25,8 @@ class ProcessStat(NamedTuple):
 def read_stat(pid: int) -> ProcessStat | None:
     """Return what the kernel reports of a process; None where there is no process with this number."""
     try:
-        text = Path(f"/proc/{pid}/stat").read_text(errors="replace")
+        with open(f"/proc/{pid}/stat", errors="replace") as file:  # pathlib takes twice as long
+            text = file.read()
     except OSError:
         return None
     fields = text.rpartition(")")[2].split()  # field 2, the name in parentheses, may contain spaces

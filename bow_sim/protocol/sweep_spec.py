@@ -199,14 +199,20 @@ def check_name(key: str, name: str) -> None:
     if name in FIELDS or name in PRESETS:
         over = f"{name}={','.join(choices[:2]) or '...'}"
         raise ParameterError(f"{where} it is no number; {_STUDY} {over}")
-    if name in ("block_cells", "adaptive", "repeats", "jitter", "seed"):
-        raise ParameterError(f"{where} it says how a map is computed, not what of; {_STUDY} {name}=...")
+    if name in _HOW:
+        raise ParameterError(f"{where} it says how a map is computed, not what of; {_STUDY} {name}={_HOW[name]}")
     close = difflib.get_close_matches(name, [*SWEEPABLE, *SI, *WHY_NOT], n=1)
     right = f"did you mean {close[0]}?" if close else f"one of {SWEEPABLE_NAMES}"
     raise ParameterError(f"{where} there is no such parameter; {right}")
 
 
-_STUDY = "make a map for each, as by bow study --over"
+STUDY_OVER = "bow study --over"
+"""Beginning of a command that does what an axis cannot."""
+
+_HOW = {"block_cells": "64,256", "adaptive": "0.25,0.5", "repeats": "2,8", "jitter": "0.001,0.01", "seed": "1,2"}
+"""Settings of how a map is computed, and values of an example."""
+
+_STUDY = f"make a map for each, as by {STUDY_OVER}"
 
 WHY_NOT = {
     "period": "all cells of a map have chunks of the same length, five periods. Sweep the note (semitone or f_0, with "

@@ -8,5 +8,6 @@ lane_types  the types of eight lanes, as LLVM knows them
 lanes       eight lanes as one value in compiled code
 elementary  exp, log, cosine and sine with the same bits on every machine
 rows        convolution and transposition of rows of eight lanes
+products    sums of products of rows with earlier rows, for several lags at once
 columns     transposition of eight rows of samples, and prefetching
 """

@@ -55,6 +55,7 @@ def _classify(args: argparse.Namespace) -> int:
         return fail(str(error))
     if args.json:
         said = {"f0": found.f0, "f0_found": found.found, "beta": found.beta, "shares": found.shares}
+        said["notes"] = list(found.notes)
         print(json.dumps({**said, "time": found.time.tolist(), "regime": found.regime.tolist()}, indent=2))
     else:
         print(found)

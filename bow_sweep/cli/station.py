@@ -80,6 +80,8 @@ def _station(args: argparse.Namespace) -> int:
 
     try:
         name, run_id = check_name(args.name), _identity(args.joined)
+        if refusal := _of_standing_graph(run_id):
+            return fail(f"--run {args.joined}: {refusal}")
         if args.network:
             os.environ.update(discovery.variables_for(args.network, args.trusted))
     except (StationError, RunError) as error:
@@ -107,6 +109,26 @@ def _identity(run: str) -> str:
     if not Path(run).is_dir():
         raise RunError(f"--run {run}: should be the identity of a run, 16 hexadecimal digits, or a run directory")
     return str(read_ledger(Path(run))[0]["run_id"])
+
+
+def _of_standing_graph(run_id: str) -> str:
+    """Return why no station can join, and what would do, where the graph of `bow up` has the run; "" otherwise."""
+    from bow_sweep.processes.supervisor import GraphError
+    from bow_sweep.run.places import find_place
+    from bow_sweep.standing.state import PLACES, default_folder, read_state
+
+    folder = default_folder()
+    try:
+        state = read_state(folder)
+    except GraphError:
+        return ""
+    if state is None or find_place(folder / PLACES, run_id) is None:
+        return ""
+    has = f"{state.stations} stations" if state.stations > 1 else "one station"
+    return (
+        f"this run is in the graph of `bow up`, which has {has} and takes no other: `bow up --stations N` divides it "
+        "from the beginning; a run that stations may join is begun by `bow sweep --own-graph`, or with --network"
+    )
 
 
 def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> int:

@@ -64,7 +64,7 @@ def _look(graph: Graph) -> dict[str, Any]:
     from bow_sweep.standing.turns import tickets
 
     state = graph.state
-    wanted = {"coordinator": 1, "recorder": 1, "classifier": 1, "simulator": state.simulators}
+    wanted = {"coordinator": 1, "recorder": state.stations, "classifier": state.stations, "simulator": state.simulators}
     if state.dashboard:
         wanted["dashboard"] = 1
 
@@ -83,7 +83,7 @@ def _look(graph: Graph) -> dict[str, Any]:
         "fits": objection(state, simulators=None, dashboard=False, watched=False),
         "nodes": [
             {
-                "name": node.node.rpartition("/")[2],
+                "name": node.node.removeprefix(f"{state.namespace}/"),
                 "role": node.role,
                 "process": node.pid,
                 "state": NodeState(node.state).name,
@@ -116,10 +116,11 @@ def _table(found: dict[str, Any]) -> str:
     for number, client in enumerate(found["clients"]):
         what = "is served" if not number else "waits"
         lines.append(f"client: process {client['process']} {what} -> {client['directory']}")
-    lines += ["", f"{'node':14} {'process':>8} {'state':9} {'memory':>8}  "]
+    longest = max([14, *(len(node["name"]) for node in found["nodes"])])
+    lines += ["", f"{'node':{longest}} {'process':>8} {'state':9} {'memory':>8}  "]
     for node in found["nodes"]:
         name, state, memory = node["name"], node["state"].lower(), node["memory_bytes"] / 1e6
-        what = f"{name:14} {node['process']:8d} {state:9} {memory:5.0f} MB  {node['detail']}"
+        what = f"{name:{longest}} {node['process']:8d} {state:9} {memory:5.0f} MB  {node['detail']}"
         lines.append(what[: width()])
     lines += [f"{role}: not heard for {HEARD_S:g} s" for role in found["missing"]]
     return "\n".join(lines)

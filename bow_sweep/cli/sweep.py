@@ -352,13 +352,16 @@ def _lasting_graph(
     from bow_sweep.standing.fits import objection, since
     from bow_sweep.standing.state import default_folder, read_state
 
-    divided = getattr(args, "stations", 1) > 1
-    state = None if getattr(args, "own_graph", False) or divided else read_state(default_folder())
+    stations = getattr(args, "stations", 1)
+    divided = stations > 1
+    state = None if getattr(args, "own_graph", False) else read_state(default_folder())
     asked, watched = getattr(args, "asked_simulators", None), bool(screen.uri)
     sync, lock = not args.no_sync, not args.no_lock
     if state is not None:
         shown = dashboard.dashboard
-        problem = objection(state, simulators=asked, dashboard=shown, watched=watched, sync=sync, lock=lock)
+        problem = objection(
+            state, simulators=asked, dashboard=shown, watched=watched, sync=sync, lock=lock, stations=stations
+        )
         if problem:
             display.print_line(f"the graph of `bow up` is not used, {problem}")
             state = None

@@ -26,6 +26,7 @@ def add_commands(commands: Any) -> None:
         description=UP,
         epilog="examples:\n"
         "  bow up                                    one simulator a core\n"
+        "  bow up --stations 4                       on a large machine: see docs, several machines\n"
         "  bow sweep fig11d --nx 64 --ny 32          uses the graph, in any directory\n"
         "  bow status                                what the graph does\n"
         "  bow down                                  stops it\n\n"
@@ -34,6 +35,13 @@ def add_commands(commands: Any) -> None:
         "exit status: 0 ready, 1 not started, 2 wrong usage",
     )
     parser.add_argument("--simulators", metavar="N", type=int, help="processes (default: one a core)")
+    parser.add_argument(
+        "--stations",
+        metavar="N",
+        type=int,
+        default=1,
+        help="divide the simulators among N stations, each with a recorder and a classifier of its own (default: 1)",
+    )
     parser.add_argument(
         "--root",
         metavar="DIR",
@@ -57,6 +65,9 @@ def add_commands(commands: Any) -> None:
 def _up(args: argparse.Namespace) -> int:
     if args.simulators is not None and args.simulators < 1:
         return fail(f"--simulators {args.simulators}: should be at least 1")
+    wanted = args.simulators or cores()
+    if not 1 <= args.stations <= wanted:
+        return fail(f"--stations {args.stations}: should be 1 ... {wanted}, as each needs a simulator")
     if not environment_is_ready():
         return USAGE
     from bow_sweep.processes.supervisor import GraphError
@@ -64,7 +75,6 @@ def _up(args: argparse.Namespace) -> int:
     from bow_sweep.standing.start import start
     from bow_sweep.standing.state import FILE, default_folder, read_state
 
-    wanted = args.simulators or cores()
     number = bounded(wanted, cores())
     if number < wanted:
         warn(f"--simulators {wanted}: {number} are started, more do not start well here")
@@ -76,11 +86,22 @@ def _up(args: argparse.Namespace) -> int:
             return fail(f"{there}; bow status says what it does, bow down stops it", FAILED)
         if (folder / FILE).exists():
             warn("the last graph ended without `bow down`; what it left is removed")
-        state, _ = start(folder, simulators=number, root=args.root, dashboard=not args.no_dashboard, say=warn)
+        state, _ = start(
+            folder,
+            simulators=number,
+            root=args.root,
+            dashboard=not args.no_dashboard,
+            stations=min(args.stations, number),
+            say=warn,
+        )
     except GraphError as error:
         return fail(str(error), FAILED)
     shown = "a dashboard" if state.dashboard else "no dashboard"
-    print(f"the graph is ready: process {state.pid}, {state.simulators} simulators, {shown}, in {state.namespace}")
+    divided = f" in {state.stations} stations" if state.stations > 1 else ""
+    print(
+        f"the graph is ready: process {state.pid}, {state.simulators} simulators{divided}, {shown}, "
+        f"in {state.namespace}"
+    )
     print("bow sweep uses it; bow status says what it does; bow down stops it")
     return DONE
 

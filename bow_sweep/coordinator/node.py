@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -72,6 +73,9 @@ or Foxglove. The state of all nodes is on /diagnostics, once a second.
 """
 
 DIAGNOSTICS_S = 1.0
+
+PREPARE_S = 10.0
+"""At the end the thread that imports libraries has this long to finish."""
 
 TAKE_S = 0.02
 """Between two times at which heartbeats, receipts and verdicts are taken. To be woken for each of them, a thousand in a
@@ -156,8 +160,11 @@ class CoordinatorNode(BowNode):
                 given = None
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
-        prepare()  # while the other nodes start, and before they are told of a run: nobody answers them meanwhile
+        self._preparing: threading.Thread | None = None
+        self._frozen = given is None
         if given is None:
+            prepare()
+            gc.freeze()  # the collection after each run need not look at these libraries: some hundredths of a second
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
             self._handle([given])
@@ -182,8 +189,18 @@ class CoordinatorNode(BowNode):
         directory, self._run_dir = Path(self._run_dir) if self._run_dir else self._runs_dir / identity, ""
         return RunGiven(Run.create(directory.absolute(), identity, sweep, self._locks))
 
+    def _prepare(self) -> None:
+        """Import what the results need in a thread, while the first blocks are computed: no block waits for that."""
+        if self._preparing is None:
+            self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
+            self._preparing.start()
+
     def close(self) -> None:
         """Release the run directory."""
+        if self._preparing is not None:
+            self._preparing.join(PREPARE_S)  # Python must not end while a thread imports
+        if self._frozen:
+            gc.unfreeze()  # this node too: its DDS entities are destroyed by a collection, see node_process.leave
         self._chooser.close()
         self._session.close()
 
@@ -293,6 +310,8 @@ class CoordinatorNode(BowNode):
                 self._goals.pop(goal).execute()
             case SetState(state, detail, run_id):
                 self.set_state(state, detail, run_id)
+                if state == Health.BUSY:
+                    self._prepare()
             case Log("error", line):  # rclpy wants one line of code for each severity
                 self.get_logger().error(line)
             case Log("warning", line):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from bow_sim.protocol.neighbours import LEFT, SILENT_S, is_gone
 from bow_sim.protocol.states import NodeState
-from bow_sweep.run.ledger_events import Event, Finished, Refused, SimulatorLost, SimulatorReady
+from bow_sweep.run.ledger_events import Event, Finished, Refused, SimulatorLost, SimulatorReady, SimulatorReturned
 
 TAKEN_S = 3.0
 """A simulator has this many seconds to take a block that was sent to it."""
@@ -81,12 +81,14 @@ class Pool:
         self._emit, self._host, self._log_warning, self._station_of = emit, host, log_warning, station_of
         self._simulators: dict[str, _Simulator] = {}
         self._doubles: set[str] = set()
+        self._silent: dict[str, str] = {}  # name -> incarnation that was silent for long: it may have died, or not
 
     def begin(self) -> None:
         """Begin a run: no simulator is in its ledger yet, and heartbeats of before do not count for it."""
         for simulator in self._simulators.values():
             simulator.ready = simulator.joined = False
             simulator.sent.clear()
+        self._silent.clear()
 
     def on_health(self, message: Any, run_id: str, hears_us: bool, now: float) -> None:
         """Take a simulator's heartbeat, or the report of its supervisor that its process has ended.
@@ -104,10 +106,13 @@ class Pool:
         """
         name = message.node
         known = self._simulators.get(name)
+        silent = self._silent.pop(name, None)
         if message.state == NodeState.DEAD:
             if known is not None and (known.host, known.pid) == (message.host, message.pid):
                 self._forget(name, message.detail, blame=True)
             return
+        if silent == message.incarnation:  # it has not died: the network was silent
+            self._emit(SimulatorReturned(name))
         if message.state == NodeState.CLOSED and message.detail == LEFT:
             if known is not None and known.incarnation == message.incarnation:
                 self._forget(name, LEFT, blame=False)
@@ -157,6 +162,8 @@ class Pool:
                 # A process that still exists on this machine is stopped or stuck: its block is not the cause.
                 exists = simulator.host == self._host and not is_gone(simulator.host, simulator.pid, self._host)
                 why = f"silent for {silent:.0f} s" if silent > SILENT_S else "its process has ended"
+                if simulator.joined and not exists and silent > SILENT_S and len(self._silent) < MAX_SIMULATORS:
+                    self._silent[name] = simulator.incarnation
                 self._forget(name, why, blame=not exists)
             elif may_join and (stations is None or simulator.station in stations) and self._can_join(simulator, now):
                 simulator.joined = True

@@ -188,6 +188,7 @@ _THRESHOLDS = {
     "lag_first": Span("linear", 0.9, 0.99),
     "lag_last": Span("linear", 1.01, 1.1),
     "lag_long": Span("linear", 2.1, 4.2),
+    "wolf_beat": Span("linear", 0.5, 0.95),
 }
 """Usual axes of thresholds near a bound, which half of them and half as much again would cross."""
 

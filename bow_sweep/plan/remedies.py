@@ -1,11 +1,14 @@
-"""What would do where two parameters cannot make a plane: settings to add, tried before they are named."""
+"""What would do where two parameters cannot make a plane: settings to add, tried before they are named; or a study."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import shlex
+from collections.abc import Callable, Iterable, Sequence
 
 from bow_sim.physics import body
 from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol.sweep_spec import STUDY_OVER, check_name, in_full
 
 _STRING = {"string": "violin_a"}
 _UNITS = {**_STRING, "v_unit": "0.1"}
@@ -65,7 +68,10 @@ def would_do(x: str, y: str, works: Callable[[list[str]], object]) -> str:
         Builds the sweep with more settings, "name=value" each; raises ParameterError where it cannot be.
     """
     one, other = (REMEDIES["body_scale"] if body.mode_setting(name) else REMEDIES.get(name, {}) for name in (x, y))
-    for wanted in ({**one, **other}, {**other, **one}):
+    both = {**one, **other}
+    octave = {f"{key}.last": "12" for key, name in (("x", x), ("y", y)) if name == "semitone"}
+    # one alone: the other may have an effect already; an octave: higher, the bow's usual places are beyond the string
+    for wanted in (both, {**other, **one}, one, other, {**both, **octave}):
         # v_unit is given also where it is an axis: without it, there would be no SI units
         settings = [f"{name}={value}" for name, value in wanted.items() if name not in {x, y} - {"v_unit"}]
         if not settings or not _do(works, settings):
@@ -76,6 +82,50 @@ def would_do(x: str, y: str, works: Callable[[list[str]], object]) -> str:
                 settings = fewer
         return f"; with the settings {' '.join(settings)} it can be computed"
     return ""
+
+
+def study_instead(reason: str, preset: str, lines: Sequence[str], axes: Iterable[tuple[str, str]]) -> str:
+    """Return a refusal with the whole command of a study in the place of its beginning.
+
+    Parameters
+    ----------
+    reason
+        Why a parameter cannot be an axis.
+    preset, lines
+        The sweep that was asked for: the study has the same settings but those of that axis.
+    axes
+        The key, "x" or "y", and the parameter of each axis.
+    """
+    overs, dropped = [], []
+    for key, name in axes:
+        try:
+            check_name(key, name)
+        except ParameterError as error:
+            if found := re.search(f"{STUDY_OVER} ([^ ]+)", str(error)):
+                overs.append(_values(key, lines) or found[1])
+                dropped.append(key)
+    kept = [line for line in lines if _name(line).partition(".")[0] not in dropped]
+    if not overs or STUDY_OVER not in reason:
+        return reason
+    if any(over.startswith(("seed=", "jitter=")) for over in overs) and "repeats" not in {_name(line) for line in kept}:
+        kept.append("repeats=8")  # without repeats neither has an effect
+    words = ["bow", "study", *([preset] if preset else [])]
+    words += [word for line in kept for word in ("--set", line)] + [word for over in overs for word in ("--over", over)]
+    return re.sub(f"{STUDY_OVER} [^ ]+", lambda _: shlex.join(words), reason)
+
+
+def _name(line: str) -> str:
+    return in_full(line.partition("=")[0].strip())
+
+
+def _values(key: str, lines: Sequence[str]) -> str:
+    """Return what a sweep says of the values of an axis as after `bow study --over`; "" where it does not."""
+    given = {_name(line): line.partition("=")[2].strip() for line in lines}
+    name = given.get(f"{key}.name", "")
+    if values := given.get(f"{key}.values", "").strip("[]").replace(" ", ""):
+        return f"{name}={values}"
+    span = [given.get(f"{key}.{part}", "") for part in ("first", "last", "count")]
+    return f"{name}={':'.join(span)}" if all(span) else ""
 
 
 def _do(works: Callable[[list[str]], object], settings: list[str]) -> bool:

@@ -32,7 +32,7 @@ from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, in_full,
 from bow_sweep.plan.adaptive import first_round, next_round, within_budget
 from bow_sweep.plan.axes import AxisError, AxisSettings, axes, check_axes_of_models, check_two, made
 from bow_sweep.plan.presets import load_preset
-from bow_sweep.plan.remedies import would_do
+from bow_sweep.plan.remedies import study_instead, would_do
 
 X_AXIS = Axis("f_asym", "log", 0.5, 20.0, 128)
 Y_AXIS = Axis("f_init_ratio", "linear", 0.0, 2.0, 64)
@@ -118,7 +118,9 @@ class Sweep:
             def works(more: list[str]) -> object:
                 return cls._of(preset, [*lines, *more])
 
-            raise ParameterError(f"{error}{would_do(*error.axes, works)}") from None
+            axes_named = tuple(zip("xy", error.axes, strict=True))
+            reason = study_instead(str(error), preset, lines, axes_named)
+            raise ParameterError(f"{reason}{would_do(*error.axes, works)}") from None
 
     @classmethod
     def _of(cls, preset: str, lines: list[str]) -> Sweep:

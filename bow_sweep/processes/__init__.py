@@ -14,5 +14,6 @@ new_directory    the directory of a run: created, locked, released
 run_graph        a graph from its first process to the finished run directory
 station_graph    the processes of `bow station`
 station_watch    watches them until the run is over
+leader           whether the coordinator of a station's run is there
 replay_graph     classifies a bag through DDS
 """

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import inspect
 import json
 import os
 import time
@@ -10,6 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.inspected import spread_cells
 from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
@@ -92,38 +95,37 @@ def run_graph(
     KeyboardInterrupt
         After Ctrl-C or SIGTERM; all processes have been stopped in order.
     """
-    coordinator: dict[str, object] = {"once": True, "dashboard": dashboard, "lock": lock}
-    if resume:
-        coordinator["resume"] = str(directory)
-    else:
-        spec = {"preset": sweep.preset, "settings": list(sweep.settings())}
-        coordinator |= {"run_dir": str(directory), "run_id": run_id, **spec}
+    common: dict[str, object] = {"once": True, "dashboard": dashboard, "lock": lock}
+    again = {**common, "resume": str(directory)}
+    spec = {"preset": sweep.preset, "settings": list(sweep.settings())}
+    coordinator = again if resume else {**common, "run_dir": str(directory), "run_id": run_id, **spec}
     parameters: dict[str, dict[str, object]] = {
         "coordinator": coordinator,
         "recorder": {"run_dir": str(directory), "sync": sync, "lock": lock},
         "dashboard": {"run_dir": str(directory), "inspect": inspected_cells(sweep)},
         "simulator": {"inspect": inspected_cells(sweep)},
     }
-    if is_watched := screen is not None and bool(screen.uri):
+    if screen is not None and screen.uri:
         parameters["dashboard"]["connect"] = screen.uri
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
+    supervisor.again = again
     places = numbered(stations)
     finished = False
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            supervisor.start("coordinator")
             for station in places:
                 supervisor.start("recorder", station)
-            if dashboard and is_watched:  # somebody waits for the picture
+            with interrupts.immediate():
+                load_measures()
+            if dashboard:  # it imports the most that others do not need, meanwhile, on another core
                 supervisor.start("dashboard")
             with interrupts.immediate():
                 load_compiled(sweep)
+            supervisor.start("coordinator")  # it needs the fingerprint, and would compute it itself otherwise
             for station in places:
                 supervisor.start("classifier", station)
             start_simulators(supervisor, simulators, places, interrupts)
-            if dashboard and not is_watched:  # last: no other process waits for it
-                supervisor.start("dashboard")
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
             from bow_sweep.processes.supervisor_node import watch
 
@@ -147,11 +149,23 @@ def start_simulators(supervisor: Supervisor, count: int, places: Sequence[str], 
         supervisor.start("simulator", places[number % len(places)])
 
 
+def load_measures() -> None:
+    """Import what the measures of a map need: coordinator, dashboard and the check at the end use them."""
+    import scipy.ndimage  # noqa: F401
+
+
 def load_compiled(sweep: Sweep) -> None:
-    """Load the compiled kernel and classifier, or compile them: processes forked later have them already."""
+    """Load the compiled kernel and classifier, or compile them, and compute the fingerprint of the sweep.
+
+    Processes that are forked later have all this already.
+    """
     from bow_classifier.precompile import precompile
     from bow_sim.kernel.block import Block
     from bow_sim.physics.kinds import common
 
     Block(*common(sweep.parameters, sweep.lanes(sweep.block(0)))[:2]).advance()
     precompile()
+    with contextlib.suppress(ParameterError):  # the coordinator reports it
+        _ = sweep.fingerprint
+    # The first line of a log looks for the file of each module, which takes 40 ms: that is kept, and copied too.
+    inspect.getmodule(inspect.currentframe())

@@ -24,12 +24,6 @@ from bow_sweep.processes.supervisor_node import (
     restart_unresponsive,
 )
 
-FOUND_S = 60.0
-"""A station ends that has not heard the coordinator of its run for this long after its start."""
-
-LOST_S = 120.0
-"""A station ends that has heard the coordinator of its run, and then not for this long."""
-
 CLOSE_S = 60.0
 """Seconds that the recorder has to close the bag when the run is over."""
 
@@ -43,9 +37,15 @@ class StationNode(SupervisorNode):
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Take in a heartbeat of our processes, or of the coordinator."""
         super().on_health(message, neighbour)
-        if message.role == "coordinator" and neighbour is not None:
-            now = self._seen.awake.now()
-            self._seen.coordinator_at = now
+        if message.role != "coordinator":
+            return
+        now, leader = self._seen.awake.now(), self._seen.leader
+        if message.state == Health.DEAD:
+            leader.died(message.host, message.pid, message.detail)
+        elif neighbour is None:
+            leader.left(message.incarnation)
+        else:
+            leader.heard(message.incarnation, message.host, message.pid, now)
             self._seen.watchdog.heartbeat(ELSEWHERE, message.role, NodeState.BUSY, message.run_id, now)
             self._seen.details[message.role] = message.detail
 
@@ -76,7 +76,7 @@ def watch_station(supervisor: Supervisor, station: str, display: Display, interr
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
     restarts: Counter[str] = Counter()
     seen = graph.seen
-    began, closed_at = seen.awake.now(), None
+    closed_at = None
     while True:
         graph.spin(0.05)
         interrupts.check()
@@ -91,27 +91,31 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
                 return
         if seen.failed:
             raise GraphError(seen.failed)
-        _check_coordinator(supervisor.namespace, seen.coordinator_at, now, began)
-        graph.join_if_lost(display.print_line)
         if not seen.closed:
-            restart_unresponsive(supervisor, seen, display.print_line, restarts)
-        heard = seen.coordinator_at is not None
+            _look_after_run(supervisor, graph, now, display, restarts)
+        heard = seen.leader.was_heard
         waiting = seen.details.get("coordinator", "") if heard else f"the coordinator, in {supervisor.namespace}"
         display.show(seen.progress, waiting, time.monotonic())
 
 
-def _check_coordinator(namespace: str, at: float | None, now: float, began: float) -> None:
-    """Give up where nothing more is to be expected of the run.
+def _look_after_run(
+    supervisor: Supervisor, graph: Connection, now: float, display: Display, restarts: Counter[str]
+) -> None:
+    """Wait for a coordinator that is away; restart processes that are not heard while it is there.
 
     Raises
     ------
     GraphError
-        With what to look at.
+        Where nothing more is to be expected of the run, with what to look at.
     """
-    if at is None and now - began > FOUND_S:
-        raise GraphError(
-            f"no coordinator is heard in {namespace} for {FOUND_S:g} s: is the run in progress, and does it ask for "
-            f"other machines (--network)? Check: {hints()}"
-        )
-    if at is not None and now - at > LOST_S:
-        raise GraphError(f"the coordinator in {namespace} is not heard any more for {LOST_S:g} s. Check: {hints()}")
+    seen = graph.seen
+    if line := seen.leader.news(now):
+        display.print_line(line)
+    if why := seen.leader.lost(now):
+        raise GraphError(f"{why}, in {supervisor.namespace}. Check: {hints()}")
+    if not seen.leader.has_ended:
+        graph.join_if_lost(display.print_line)
+    if seen.leader.is_away(now):
+        seen.watchdog.pause(now)
+    else:
+        restart_unresponsive(supervisor, seen, display.print_line, restarts)

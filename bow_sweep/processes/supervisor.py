@@ -159,6 +159,8 @@ class Supervisor:
         self._released: list[Child] = []
         self._count: dict[str, int] = {}
         self._exits: dict[tuple[str, str], list[float]] = {}  # role and station -> when its processes exited
+        self.again: Mapping[str, object] = {}
+        """Parameters of a coordinator that goes on with the run in place of the first; none where none can."""
         self.left_out: list[Path] = []
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
@@ -256,6 +258,11 @@ class Supervisor:
         if len(recent) + 1 >= CRASHES and short_lived and exit_.status >= 0:
             raise GraphError(f"{child.label} ended {CRASHES} times ({exit_.cause}):\n{tail(child.log)}")
         return self.start(child.role, child.station)
+
+    def resume(self, exit_: Exit) -> Child:
+        """Start a coordinator that goes on with the run, in place of one that was killed for that."""
+        self.parameters = {**self.parameters, exit_.child.role: self.again}
+        return self.restart(exit_)
 
     def release(self, roles: Sequence[str]) -> None:
         """Interrupt the processes of roles whose work is over; do not wait for them, nor report their exit."""

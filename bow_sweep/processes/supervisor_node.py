@@ -27,6 +27,7 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, AwakeClock, Neighbour
 from bow_sim.protocol.stations import namespace_of
 from bow_sweep.processes.interrupts import Interrupts
+from bow_sweep.processes.leader import Leader
 from bow_sweep.processes.progress import Display, Progress
 from bow_sweep.processes.supervisor import SPECTATORS, Exit, GraphError, Supervisor, tail
 from bow_sweep.processes.watchdog import RESTARTS, STALL_S, UNHEARD_S, Watchdog, usage
@@ -34,6 +35,9 @@ from bow_sweep.view.wanted import NOTE
 
 SUSPENDED_S = 5.0
 """After this process was stopped for so long in all, DDS may have lost its connections."""
+
+LOOK_S = 0.1
+"""Least time between two looks at what each process uses: most messages need none."""
 
 MENTIONED_S = 5.0
 """What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
@@ -66,8 +70,8 @@ class Observed:
         Those of them whose heartbeats have arrived.
     closed
         The plan is closed: nothing more will be simulated.
-    coordinator_at
-        When the coordinator of another machine was heard last; for a station.
+    leader
+        The coordinator on another machine; for a station.
     waits
         What the coordinator waits for, and since when.
     """
@@ -82,7 +86,7 @@ class Observed:
     ours: set[int] = field(default_factory=set)
     heard: set[int] = field(default_factory=set)
     closed: bool = False
-    coordinator_at: float | None = None
+    leader: Leader = field(default_factory=Leader)
     waits: tuple[str, float] = ("", 0.0)
 
     def note_waiting(self, what: str, now: float) -> None:
@@ -249,7 +253,7 @@ def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts)
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
     """Spin until the coordinator has finished; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
-    seen = graph.seen
+    seen, look_at = graph.seen, 0.0
     while True:
         graph.spin(0.05)
         interrupts.check()
@@ -259,19 +263,27 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
                 restart_exited(supervisor, graph, [exit_], display)
             elif exit_.status == 0:
                 return
+            elif exit_.child.process.pid == seen.watchdog.deaf:
+                graph.report_exit(exit_)
+                supervisor.resume(exit_)
             else:
+                graph.report_exit(exit_)  # stations on other machines need not wait until they miss it
                 raise GraphError(f"the coordinator ended ({exit_.cause}):\n{tail(exit_.child.log)}")
         seen.ours = {child.process.pid for child in supervisor.children}
         graph.join_if_lost(display.print_line)
-        restart_unresponsive(supervisor, seen, display.print_line, restarts)
+        if (now := time.monotonic()) >= look_at:
+            look_at = now + LOOK_S
+            restart_unresponsive(supervisor, seen, display.print_line, restarts)
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:
             supervisor.release(("simulator", "classifier"))
+            if seen.states.get("coordinator") in (Health.READY, Health.CLOSED):  # all files are complete
+                supervisor.release(("recorder", "dashboard"))
         if seen.failed:
             raise GraphError(seen.failed)
         if problem := supervisor.screen.problem():
             display.print_line(problem)
-        display.show(seen.progress, seen.details.get("coordinator", ""), time.monotonic())
+        display.show(seen.progress, seen.details.get("coordinator", ""), now)
 
 
 def print_news(seen: Observed, display: Display) -> None:
@@ -342,9 +354,12 @@ def restart_unresponsive(
         child = children[pid]
         restarts[child.role] += 1
         why = f"no heartbeat from {child.label}" if pid in unheard else f"{child.label} is not connected to the others"
+        if pid == watchdog.deaf:
+            why = "the coordinator hears neither recorder and classifier nor those that were started after them"
         of_role = sum(other.role == child.role for other in children.values())
         too_often = restarts[child.role] > RESTARTS * of_role and pid in needed
-        if too_often or (child.role == "coordinator" and not stays):
+        goes_on = stays or (pid == watchdog.deaf and bool(supervisor.again))
+        if too_often or (child.role == "coordinator" and not goes_on):
             raise GraphError(f"{why}:\n{tail(child.log)}\nCheck: {hints()}")
         print_line(f"{why}: it is started again; see {child.log}")
         child.process.kill()

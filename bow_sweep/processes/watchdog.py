@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from pathlib import Path
 from typing import NamedTuple
 
 from bow_sim.graph.process_stat import read_stat
@@ -61,7 +60,8 @@ def usage(pid: int) -> Usage:
     """Return the resources that a process has used so far; zeros where it has exited."""
     stat = read_stat(pid)
     try:
-        lines = Path(f"/proc/{pid}/io").read_text().splitlines()
+        with open(f"/proc/{pid}/io") as file:  # pathlib takes twice as long
+            lines = file.read().splitlines()
     except OSError:
         return Usage()
     if stat is None:
@@ -110,6 +110,8 @@ class Watchdog:
         self._stuck: set[str] = set()  # roles of which a process was stuck and none was ready since
         self._joins = 0  # since then
         self._progress: tuple[object, float] = (None, 0.0)
+        self.deaf = 0
+        """Process of the coordinator that is restarted because it hears nobody; 0 as long as there is none."""
         self.worked: set[int] = set()
         """Processes that have been ready."""
 
@@ -179,10 +181,14 @@ class Watchdog:
         self._restart_timeouts(now)
         return True
 
-    def _restart_timeouts(self, now: float) -> None:
+    def pause(self, now: float) -> None:
+        """Restart the timeouts of processes: while their coordinator is away, none can be ready."""
         self._progress = (self._progress[0], now)
         self._starting = {pid: process._replace(since=now) for pid, process in self._starting.items()}
         self._heard = dict.fromkeys(self._heard, now)
+
+    def _restart_timeouts(self, now: float) -> None:
+        self.pause(now)
         pid, heard = self._coordinator
         self._coordinator = (pid, max(heard, now))
 
@@ -201,7 +207,9 @@ class Watchdog:
         Processes that are not ready wait for each other. First in question is a recorder or classifier that has not
         opened the run, then one that other nodes do not hear, then simulators. Where the successor of such a process is
         not ready either, recorder and classifier may be the ones that do not hear. If all these are ready and the
-        coordinator is not, it is they that it does not hear; last in question is the coordinator itself.
+        coordinator is not, it is they that it does not hear; last in question is the coordinator itself. Where neither
+        the successor of the recorder nor that of the classifier gets ready, it is the coordinator that does not hear:
+        it is named then, once.
 
         Parameters
         ----------
@@ -222,8 +230,14 @@ class Watchdog:
         stuck = {pid for pid in candidates if now - since[pid] > self._patience}
         if stuck:
             roles = {self._peers[pid].role for pid in stuck & self._peers.keys()}
-            if roles & self._stuck:
+            of_both = roles & self._stuck and self._stuck >= set(CONSUMERS)
+            if of_both and coordinator in needed and not self.deaf:
+                self.deaf, stuck, roles = coordinator, {coordinator}, set()
+                self._stuck.clear()
+                self._coordinator = (0, math.inf)  # its successor has yet to be heard
+            elif roles & self._stuck:
                 stuck |= {pid for pid in needed if pid in self._peers and self._peers[pid].role in CONSUMERS}
+                roles |= set(CONSUMERS)
             self._stuck |= roles
             self._without_run -= stuck
             others = {pid: process for pid, process in self._starting.items() if pid not in stuck}

@@ -36,6 +36,7 @@ from bow_sweep.run.ledger_events import (
     Settled,
     SimulatorLost,
     SimulatorReady,
+    SimulatorReturned,
     State,
     Tick,
 )
@@ -74,6 +75,10 @@ class _Block:
     judged: dict[int, _Checksums] = field(default_factory=dict)
     verdicts: dict[int, int] = field(default_factory=dict)
     judged_before: dict[int, _Checksums] = field(default_factory=dict)  # by the stations that had it before
+
+    def count_crash(self, alone: bool, by: int = 1) -> None:
+        self.crashes = max(0, self.crashes + by)
+        self.crashes_alone = max(0, self.crashes_alone + alone * by)
 
     @property
     def suspect(self) -> bool:
@@ -136,6 +141,7 @@ class Ledger:
         self.blocks = [_Block() for _ in range(blocks)]
         self.in_flight: dict[str, list[int]] = {}
         self._station: dict[str, str] = {}  # of each simulator
+        self._blamed: dict[str, tuple[int, bool]] = {}  # simulator that was lost -> suspect block, and if it was alone
         self._restarted: dict[str, int] = {}  # station -> epoch in which a consumer of it was restarted
         self._open: set[int] = set(range(blocks))
         self._due = list(range(blocks))
@@ -155,8 +161,9 @@ class Ledger:
             block.attempt = max(block.attempt, int(entry.get("attempt", 0)))
             match entry.get("event"):
                 case "died":
-                    block.crashes += 1
-                    block.crashes_alone += bool(entry["alone"])
+                    block.count_crash(entry["alone"])
+                case "returned":
+                    block.count_crash(entry["alone"], -1)
                 case "done":
                     block.state = State.DONE
                     block.station = str(entry.get("station", ""))
@@ -232,6 +239,8 @@ class Ledger:
                 self._station[simulator] = station
             case SimulatorLost(simulator, why, blame):
                 self._lose(simulator, why, blame, now, out)
+            case SimulatorReturned(simulator):
+                self._take_back(simulator, out)
             case Finished(simulator, number, attempt):
                 self._remove_in_flight(simulator, number, attempt)
                 if self._is_dispatched(number, attempt):
@@ -298,12 +307,13 @@ class Ledger:
         # A block may be done while the report that the simulator has finished it is still on its way: it is left out.
         lost = [number for number in self.in_flight.pop(simulator, []) if self.blocks[number].state is State.DISPATCHED]
         self._station.pop(simulator, None)
+        self._blamed.pop(simulator, None)
         for place, number in enumerate(lost):
             block = self.blocks[number]
             if blame and place == 0:  # only the block being computed is suspect
                 alone = len(lost) == 1
-                block.crashes += 1
-                block.crashes_alone += alone
+                block.count_crash(alone)
+                self._blamed[simulator] = (number, alone)
                 out.append(
                     Record({"event": "died", "block": number, "simulator": simulator, "alone": alone, "why": why})
                 )
@@ -312,6 +322,13 @@ class Ledger:
                     self._settle(number, State.QUARANTINED, why_poison, out)
                     continue
             self._make_due(number, why, out)
+
+    def _take_back(self, simulator: str, out: list[Instruction]) -> None:
+        """Count the loss of a simulator that has come back no more as a crash of its block."""
+        number, alone = self._blamed.pop(simulator, (-1, False))
+        if number >= 0:
+            self.blocks[number].count_crash(alone, -1)
+            out.append(Record({"event": "returned", "block": number, "simulator": simulator, "alone": alone}))
 
     def _restart(self, role: str, station: str, out: list[Instruction]) -> None:
         """Have the blocks of a station sent again, in a new epoch: that of the run if no other station is at work."""

@@ -40,6 +40,13 @@ class SimulatorLost:
 
 
 @dataclass(frozen=True)
+class SimulatorReturned:
+    """A simulator that was lost because it was silent is heard again: its block was not the cause."""
+
+    simulator: str
+
+
+@dataclass(frozen=True)
 class Finished:
     """A simulator has published all messages of a block."""
 
@@ -109,7 +116,17 @@ class Tick:
 
 
 Event = (
-    SimulatorReady | SimulatorLost | Finished | Refused | ConsumerRestarted | Judged | Receipted | OnDisk | Grown | Tick
+    SimulatorReady
+    | SimulatorLost
+    | SimulatorReturned
+    | Finished
+    | Refused
+    | ConsumerRestarted
+    | Judged
+    | Receipted
+    | OnDisk
+    | Grown
+    | Tick
 )
 
 

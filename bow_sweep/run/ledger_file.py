@@ -26,6 +26,7 @@ _NEEDS = {
     "round": ("cells", "blocks"),
     "dispatched": ("block", "attempt"),
     "died": ("block", "alone"),
+    "returned": ("block", "alone"),
     "done": ("block",),
     "quarantined": ("block",),
     "reopened": ("block",),

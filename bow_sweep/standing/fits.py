@@ -11,7 +11,14 @@ from bow_sweep.standing.state import State, sources
 
 
 def objection(
-    state: State, *, simulators: int | None, dashboard: bool, watched: bool, sync: bool = True, lock: bool = True
+    state: State,
+    *,
+    simulators: int | None,
+    dashboard: bool,
+    watched: bool,
+    sync: bool = True,
+    lock: bool = True,
+    stations: int = 1,
 ) -> str:
     """Return why a standing graph cannot serve a command, and what would do; "" where it can.
 
@@ -27,6 +34,8 @@ def objection(
         Whether the user asks to see the sweep live.
     sync, lock
         Whether blocks are done only when they are on the disk, and whether run directories are locked.
+    stations
+        How many the user asks for; 1 for any number.
     """
     if state.version != importlib.metadata.version("bow") or state.sources != sources():
         return "the program has changed since it was started: bow down, bow up"
@@ -41,6 +50,8 @@ def objection(
         return "it has no dashboard: --no-dashboard does without"
     if simulators not in (None, state.simulators):
         return f"it has {state.simulators} simulators, --simulators asks for {simulators}"
+    if stations not in (1, state.stations):
+        return f"it has {state.stations} stations, --stations asks for {stations}"
     if not sync:
         return "it brings every block to the disk: --no-sync needs a graph of its own"
     if not lock:

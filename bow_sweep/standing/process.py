@@ -20,10 +20,11 @@ from bow_sim.graph import environment
 from bow_sim.graph.process_stat import start_of
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD
+from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.exit_status import DONE, FAILED
 from bow_sweep.processes.interrupts import Interrupts
-from bow_sweep.processes.run_graph import load_compiled
+from bow_sweep.processes.run_graph import load_compiled, load_measures, start_simulators
 from bow_sweep.processes.supervisor import GraphError, Supervisor
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.lock import take
@@ -111,18 +112,24 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
         simulators=options["simulators"],
         dashboard=options["dashboard"],
         root=root,
+        stations=options["stations"],
     )
+    stations = numbered(options["stations"])
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            for role in ("coordinator", "recorder"):
-                supervisor.start(role)
+            for station in stations:
+                supervisor.start("recorder", station)
             with interrupts.immediate():
-                load_compiled(Sweep.from_spec("", SMALL))
-            for role in ("classifier", *["simulator"] * options["simulators"]):
-                supervisor.start(role)
+                load_measures()
             if options["dashboard"]:
                 supervisor.start("dashboard")
+            with interrupts.immediate():
+                load_compiled(Sweep.from_spec("", SMALL))
+            supervisor.start("coordinator")
+            for station in stations:
+                supervisor.start("classifier", station)
+            start_simulators(supervisor, options["simulators"], stations, interrupts)
             # Imported here because it loads ROS: a process with DDS entities must not be forked.
             from bow_sweep.standing.watch import watch
 

@@ -35,6 +35,7 @@ def start(
     root: Path,
     dashboard: bool = True,
     owned: bool = False,
+    stations: int = 1,
     say: Callable[[str], None] = lambda _: None,
 ) -> tuple[State, subprocess.Popen[bytes]]:
     """Start a graph in the background, and wait until it is ready.
@@ -53,6 +54,8 @@ def start(
         Whether there is a dashboard.
     owned
         The graph ends when this process ends, or closes the stdin of the graph's process.
+    stations
+        Number of stations among which the simulators are divided, see :mod:`bow_sim.protocol.stations`.
     say
         Takes a line for the user where it takes long.
 
@@ -78,6 +81,7 @@ def start(
         "root": str(root.absolute()),
         "dashboard": dashboard,
         "owned": owned,
+        "stations": stations,
     }
     packages = str(Path(__file__).parents[2])
     with open(log, "wb") as output:

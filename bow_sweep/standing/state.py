@@ -51,6 +51,8 @@ class State:
         How many simulators it has, and whether it has a dashboard.
     root
         Directory of the runs of goals that have no place of their own.
+    stations
+        Among how many stations its simulators are divided.
     """
 
     pid: int
@@ -64,6 +66,7 @@ class State:
     simulators: int
     dashboard: bool
     root: str
+    stations: int = 1
 
     @property
     def is_alive(self) -> bool:
@@ -135,7 +138,7 @@ def read_state(folder: Path) -> State | None:
     if about.st_uid != os.getuid() or about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise GraphError(f"{folder}: others can write it; should be a folder that only this user can write")
     try:
-        state = State(**{field.name: content[field.name] for field in fields(State)})
+        state = State(**{field.name: content[field.name] for field in fields(State) if field.name in content})
     except (KeyError, TypeError):
         return None
     return state if state.is_alive else None

@@ -98,7 +98,10 @@ def test_processes_are_found_and_named_whoever_started_them() -> None:
 
 @pytest.mark.usefixtures("ros_domain")
 def test_a_map_through_a_standing_graph_is_measured_process_by_process(tmp_path: Path) -> None:
-    one = graph.standing(["x.count=4", "y.count=2", "periods=20"], 1, 2, tmp_path)
+    kept = graph.standing(["x.count=4", "y.count=2", "periods=20"], 1, 1, tmp_path)
+    assert kept.keys() == {"all", "verdicts"}
+    assert kept["verdicts"]["over_bare"] > 0
+    one = kept["all"]
     assert one["processes"].keys() == {"coordinator", "recorder", "classifier", "dashboard", "simulator_1"}
     assert 0 < one["blocks_s"] < one["wall_s"]
     assert one["over_bare"] == one["blocks_s"] / one["bare_kernel"]["wall_s"] == one["all_over_bare"][0]
@@ -146,6 +149,10 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
                     "wall_s": 1.0, "blocks_s": 1.0, "cpu_s": 4.0, "processes": {"recorder": 4.0},
                     "bare_kernel": {"wall_s": 1.0, "cpu_s": 1.0}, "over_bare": 3.5, "all_over_bare": [3.4, 3.5, 3.6],
                 },
+                "verdicts_only": {
+                    "wall_s": 1.0, "blocks_s": 1.0, "cpu_s": 2.0,
+                    "bare_kernel": {"wall_s": 1.0, "cpu_s": 1.0}, "over_bare": 2.5, "all_over_bare": [2.5],
+                },
                 "over_bare": {"blocks": 1.0, "cpu": 1.0},
             },
         ],
@@ -165,6 +172,8 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
         "3.00 ns a cell-sample | in the first chunk 4.00 ns; 0.88 of the time of d42a378",
         "| recorder | CPU 1.00 s |",
         "3.00 s beyond the bare",
+        "2.40 times that of d42a378",
+        "1.72 times that of d42a378 (goal: at most 1.5)",
         "FAILED",
     ):
         assert words in text

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -156,7 +158,10 @@ def test_the_pitch_is_found_where_it_is_not_known_well(helmholtz: bow.Cell) -> N
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"x": np.zeros((2, 5000))}, r"x: shape \(2, 5000\); should be \(samples,\)"),
+        ({"x": np.zeros((2, 5000))}, r"x: shape \(2, 5000\); should be \(samples,\), one string, for instance x\[0\]"),
+        ({"x": np.zeros((5000, 2))}, r"for instance x\[:, 0\]"),
+        ({"x": np.zeros(5000) + 1j}, "x: holds complex128; should be real numbers"),
+        ({"x": ["a"] * 5000}, "x: holds <U1; should be real numbers"),
         ({"x": np.full(5000, np.nan)}, "sample 0 is not a finite number"),
         ({"x": np.zeros(5000)}, "all samples are the same"),
         ({"x": np.arange(50.0)}, "x: 50 samples; should be 702 at least, seven periods"),
@@ -187,7 +192,19 @@ def test_the_command_judges_a_wav_file(helmholtz: bow.Cell, tmp_path: Path, caps
 def test_a_wrong_file_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "a.npy", np.sin(np.arange(9999.0)))
     (tmp_path / "b.wav").write_bytes(b"RIFF")
+    np.save(tmp_path / "e.npy", np.ones(9999) + 1j)
+    np.save(tmp_path / "f.npy", np.zeros((2, 3, 4)))
+    wavfile.write(tmp_path / "g.wav", 8000, np.array([np.zeros(9999), np.arange(9999)]).T)
+    wavfile.write(tmp_path / "h.wav", 8000, np.zeros(0))
+    (tmp_path / "i.wav").write_bytes((tmp_path / "g.wav").read_bytes()[:30])
+    (tmp_path / "j.wav").write_bytes((tmp_path / "g.wav").read_bytes()[:-8])
     for words, said in (
+        (["e.npy", "--rate", "44100"], "e.npy: holds complex128; should be real numbers"),
+        (["f.npy", "--rate", "44100"], "f.npy: shape (2, 3, 4); should be a row of numbers, or a row for each channel"),
+        (["g.wav"], "g.wav, channel 0: all samples are the same"),
+        (["h.wav"], "h.wav: holds no samples"),
+        (["j.wav"], "j.wav: is cut off, with more samples of one channel than of another"),
+        (["i.wav"], "i.wav: cannot be read as a recording: it ends within its header"),
         (["a.npy"], "does not say its sample rate; give it"),
         (["a.npy", "--rate", "44100", "--channel", "1"], "channel 1: it has 1, from 0 on"),
         (["b.wav"], "cannot be read as a recording"),
@@ -203,3 +220,27 @@ def test_one_channel_of_several_is_taken(tmp_path: Path) -> None:
     wavfile.write(tmp_path / "a.wav", 8000, np.array([[1, 10], [2, 20]], np.int16))
     found = read_recording(tmp_path / "a.wav", 1)
     assert (found.samples.tolist(), found.sample_rate) == ([10.0, 20.0], 8000.0)
+
+
+def test_what_should_be_known_of_a_recording_is_noted(
+    helmholtz: bow.Cell, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rate, force = int(helmholtz.sample_rate), helmholtz.bridge_force
+    high = np.quantile(force, 0.98)
+    both = np.array([np.round(900 * force), np.round(900 * np.minimum(force, high))], np.int16).T
+    wavfile.write(tmp_path / "a.wav", rate, both)
+    whole = (tmp_path / "a.wav").read_bytes()
+    extra = b"LIST" + struct.pack("<I", 6) + b"INFOxy"  # as recorders write a title: no sound
+    (tmp_path / "a.wav").write_bytes(whole[:12] + extra + whole[12:])
+    (tmp_path / "cut.wav").write_bytes(whole[: len(whole) // 8 * 4])
+    for name, channel, notes in (
+        ("a.wav", 0, ["channel 0 of 0 ... 1 is judged"]),
+        ("a.wav", 1, ["channel 1 of 0 ... 1 is judged", r"perhaps clipped: \d+ samples in a row at \d+, beyond .*"]),
+        ("cut.wav", 0, [r"the file is cut off after 0\.\d+ s", "channel 0 of 0 ... 1 is judged"]),
+    ):
+        assert main(["classify", str(tmp_path / name), "--f0", "440", "--channel", str(channel)]) == 0
+        out, err = capsys.readouterr()
+        found = [line.removeprefix("note: ") for line in out.splitlines() if line.startswith("note: ")]
+        assert len(found) == len(notes)
+        assert all(re.fullmatch(one, other) for one, other in zip(notes, found, strict=True)), found
+        assert err == ""

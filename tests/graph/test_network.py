@@ -14,6 +14,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from compose import compose_services
 from domains import own_domain
 from graph import (
     PATIENCE_S,
@@ -28,6 +29,8 @@ from graph import (
     verified,
 )
 from machines import ADDRESSES, FAR, NEAR, Machines, machines
+
+from bow_sweep.run.ledger_file import done_at
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
@@ -230,6 +233,89 @@ def test_of_four_stations_one_is_killed_one_suspended_and_one_cut_off(
     report = verified(run)
     assert report["unseen"] == {}
     assert report["verdicts_equal"] == report["chunks_planned"]
+
+
+def test_a_station_goes_on_with_a_run_whose_coordinator_is_killed_and_that_is_resumed(
+    two: Machines, alone: Path, tmp_path: Path
+) -> None:
+    run, log = tmp_path / "run", tmp_path / "lab.log"
+    common = ["--simulators", "1", "--no-dashboard", "--network", "SUBNET"]
+    again = ["--resume", str(run), "--lost", "lab", *common]
+    lab: subprocess.Popen[bytes] | None = None
+    try:
+        with sweeping(run, *LONG, *common, "--out", str(run), outer=two.command(NEAR)) as sweep:
+            lab = start_station("lab", two, FAR, sweep)
+            hold_until_lab_works(sweep, 0)
+            sweep.kill("coordinator")
+            assert sweep.wait() == 1, sweep.text
+            assert "the coordinator ended (killed by SIGKILL)" in sweep.text
+        with sweeping(run, *again, outer=two.command(NEAR)) as sweep:
+            hold_until_lab_works(sweep, 1)
+            assert log.read_text().count("this station waits for `bow sweep --resume RUN`") == 1
+            assert "the coordinator is heard again: this station goes on" in log.read_text()
+            sweep.stop()  # all of it at once, as a power cut does
+        with sweeping(run, *again, outer=two.command(NEAR)) as sweep:
+            hold_until_lab_works(sweep, 2).send_signal(signal.SIGCONT)
+            assert sweep.wait() == 0, sweep.text
+        assert lab.wait(PATIENCE_S) == 0, log.read_text()
+    finally:
+        if lab is not None and lab.poll() is None:
+            lab.send_signal(signal.SIGINT)
+            lab.wait(PATIENCE_S)
+    text = log.read_text()
+    assert text.count("this station waits for `bow sweep --resume RUN`") == 2, text
+    assert "is not heard for 6 s" in text
+    assert_same_map(alone, run)
+    by_lab = {block for block, station in done_at(entries_of(run)).items() if station == "lab"}
+    assert {name: set(blocks) for name, blocks in verified(run)["unseen"].items()} == {"lab": by_lab}
+
+
+def hold_until_lab_works(sweep: Sweep, resumed: int) -> psutil.Process:
+    """Stop the sweep's own simulator until station lab has done a block after so many resumptions; return it."""
+    sweep.wait_until(lambda: bool(sweep.children("simulator")))
+    (own,) = sweep.children("simulator")
+    own.send_signal(signal.SIGSTOP)
+
+    def works() -> bool:
+        entries = entries_of(sweep.directory)
+        starts = [number for number, entry in enumerate(entries) if entry["event"] == "resumed"]
+        if len(starts) < resumed:
+            return False
+        latest = entries[starts[-1] :] if starts else entries
+        return any(entry["event"] == "done" and entry.get("station") == "lab" for entry in latest)
+
+    sweep.wait_until(works)
+    return own
+
+
+def test_the_containers_to_try_are_a_sweep_with_a_station(
+    two: Machines, alone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their very commands, each on a machine of its own, with the folder that is their volume."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    services = compose_services()
+    entry = services["try-sweep"]["entrypoint"]
+    assert entry[:2] == ["bow", "sweep"]
+    station = [*services["try-station"]["entrypoint"], *services["try-station"]["command"]]
+    is_healthy = services["try-sweep"]["healthcheck"]["test"][1:]
+    run = tmp_path / "runs" / "try"
+    with sweeping(run, *LONG, *entry[2:], outer=two.command(NEAR)) as sweep:
+        sweep.wait_until(lambda: subprocess.run(is_healthy, check=False).returncode == 0)
+        with open(tmp_path / "far.log", "wb") as output:
+            far = subprocess.Popen(two.command(FAR, *station), stdout=output, stderr=output)
+        try:
+            hold_until(sweep, lambda: "far" in stations_of(run))
+            assert sweep.wait() == 0, sweep.text
+            assert far.wait(PATIENCE_S) == 0, (tmp_path / "far.log").read_text()
+        finally:
+            if far.poll() is None:
+                far.send_signal(signal.SIGINT)
+                far.wait(PATIENCE_S)
+    assert_same_map(alone, run)
+    (made,) = (tmp_path / "runs" / "stations").iterdir()
+    assert bow("collect", str(run), str(made)).returncode == 0
+    assert verified(run)["unseen"] == {}
 
 
 def start_station(name: str, two: Machines, where: int, sweep: Sweep) -> "subprocess.Popen[bytes]":

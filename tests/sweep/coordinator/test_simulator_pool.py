@@ -23,6 +23,7 @@ from bow_sweep.run.ledger import (
     Receipted,
     SimulatorLost,
     SimulatorReady,
+    SimulatorReturned,
     State,
     Tick,
 )
@@ -156,6 +157,42 @@ def test_a_simulator_of_this_machine_that_is_stopped_is_not_blamed() -> None:
     lost = world.take()[-1]
     assert isinstance(lost, SimulatorLost)
     assert not lost.blame
+
+
+@pytest.mark.parametrize(
+    ("changes", "returns"),
+    [
+        ({}, True),
+        ({"state": NodeState.CLOSED, "detail": LEFT}, True),
+        ({"incarnation": "2" * 16}, False),
+        ({"state": NodeState.DEAD, "incarnation": ""}, False),
+    ],
+    ids=["heard", "leaves", "restarted", "dead"],
+)
+def test_a_silence_is_taken_back_when_the_same_process_is_heard_again(
+    world: World, changes: dict[str, Any], returns: bool
+) -> None:
+    for now in (10.0, 50.0):
+        world.hear(now)
+        world.pool.check(now, may_join=True)
+        world.take()
+        world.pool.check(now + SILENT_S + 1, may_join=True)
+        assert [type(event) for event in world.take()] == [SimulatorLost]
+        world.hear(now + 20, **changes)
+        assert world.take() == [SimulatorReturned(NAME)] * returns
+        world.hear(now + 21)
+        world.hear(now + 22, node=f"/bow/other_{now:g}", incarnation="")
+        assert world.take() == [], "once, and at once"
+        if not returns:
+            return
+
+
+def test_a_silence_of_the_run_before_is_not_taken_back_in_this_one(world: World) -> None:
+    world.pool.check(SILENT_S + 1, may_join=True)
+    world.take()
+    world.pool.begin()
+    world.hear(20.0)
+    assert world.take() == []
 
 
 def test_a_second_simulator_of_the_same_name_gets_no_work_and_one_warning(world: World) -> None:

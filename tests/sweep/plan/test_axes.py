@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 from pathlib import Path
 
 import jsonschema
@@ -19,9 +20,13 @@ from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import FIELDS, SWEEPABLE
 from bow_sim.physics.usual_axes import USUAL, usual
 from bow_sim.protocol.sweep_spec import WHY_NOT, Axis
+from bow_sweep.cli.parser import parser
 from bow_sweep.maps.in_process import compute
+from bow_sweep.plan.axes import THRESHOLDS
 from bow_sweep.plan.preset_files import choose, save, schema
 from bow_sweep.plan.sweep import Sweep
+from bow_sweep.study.plan import Study
+from bow_sweep.study.usual import overs_of
 
 NAMES = sorted(SWEEPABLE | SI.keys() | {f"body_1_{kind}" for kind in body.KINDS})
 PAIRED = [*NAMES, "model", "classifier.slip"]
@@ -141,9 +146,9 @@ def test_given_values_reach_the_cells_with_all_their_bits() -> None:
         (["x=f_init_ratio"], "y.name = 'f_init_ratio': both axes are this parameter; they should differ: set y.name"),
         (["x=force"], "y.name = 'f_asym': gives f_asym, as x.name = 'force' does"),
         (["x=period"], "chunks of the same length"),
-        (["x=periods"], "bow study --over periods=50,100"),
-        (["x=gesture"], "it is no number; make a map for each, as by bow study --over gesture=exponential,martele"),
-        (["x=string"], "bow study --over string=violin_g,violin_d"),
+        (["x=periods"], "bow study fig11d --over periods=50,100"),
+        (["x=gesture"], "no number; make a map for each, as by bow study fig11d --over gesture=exponential,martele"),
+        (["x=string"], "bow study fig11d --over string=violin_g,violin_d"),
         (["x=seed"], "it says how a map is computed, not what of; make a map for each"),
         (["x=classifier.slop"], "classifier.slop = nan: unknown threshold; there is slip"),
         (["x=classifier.slip", "x.last=2"], "x.name = 'classifier.slip': classifier.slip = 2.0: must be a number"),
@@ -164,6 +169,37 @@ def test_an_axis_that_cannot_be_is_refused_with_what_would_do(lines: list[str], 
     with pytest.raises(ParameterError) as refusal:
         Sweep.from_spec("fig11d", ["y=f_asym", *lines] if lines == ["x=force"] else lines)
     assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("lines", "command"),
+    [
+        (["x=period"], "bow study fig11d --over period=80,139"),
+        (["x.count=3", "x=mu_s", "y=period"], "bow study fig11d --set x.count=3 --set x=mu_s --over period=80,139"),
+        (["x=period", "x.values=[80, 100]", "mu_s=0.9"], "bow study fig11d --set mu_s=0.9 --over period=80,100"),
+        (["y=period", "y.first=80", "y.last=120", "y.count=3"], "bow study fig11d --over period=80:120:3"),
+        (["x=period", "y=seed"], "bow study fig11d --set repeats=8 --over period=80,139 --over seed=1,2"),
+    ],
+)
+def test_what_needs_a_study_is_refused_with_the_command_that_makes_it(lines: list[str], command: str) -> None:
+    with pytest.raises(ParameterError) as refusal:
+        Sweep.from_spec("fig11d", lines)
+    assert str(refusal.value).endswith(f"as by {command}")
+    asked = parser().parse_args(shlex.split(command)[1:])
+    study = Study(asked.preset, tuple(asked.settings), overs_of(asked.preset, asked.settings, asked.over))
+    periods = [member.sweep.parameters.period for member in study.members]
+    assert len(periods) > 1
+    assert periods[0] == 80
+
+
+def test_every_threshold_has_a_usual_axis() -> None:
+    for name in THRESHOLDS:
+        planned("fig11d", f"x=classifier.{name}", "x.count=2", "y.count=2")
+
+
+def test_settings_that_one_of_two_parameters_needs_are_named_where_both_together_cannot_be() -> None:
+    assert "with the settings model=raman it can" in try_pair("playability", "bridge_gain", "tau_f")
+    assert "x.last=12 it can" in try_pair("guettler", "semitone", "bow_distance")
 
 
 def test_why_a_number_cannot_be_an_axis_is_known_of_all_that_cannot() -> None:

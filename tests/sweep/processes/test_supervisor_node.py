@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,8 +13,8 @@ import pytest
 from bow_msgs.msg import Plan
 
 from bow_sim.protocol import cdr
-from bow_sweep.processes.supervisor import Child, Supervisor
-from bow_sweep.processes.supervisor_node import Observed, SupervisorNode
+from bow_sweep.processes.supervisor import Child, GraphError, Supervisor
+from bow_sweep.processes.supervisor_node import Observed, SupervisorNode, restart_unresponsive
 from bow_sweep.processes.watchdog import Watchdog
 
 RUN = "a" * 16
@@ -38,6 +40,32 @@ def test_only_the_closed_plan_of_our_run_releases_simulators(data: bytes, closed
     node = SimpleNamespace(_seen=seen, run_namespace=f"/bow/{RUN}")
     SupervisorNode._on_plan(node, data)  # type: ignore[arg-type]
     assert seen.closed is closed
+
+
+@pytest.mark.parametrize(("again", "stays"), [({}, False), ({"resume": "run"}, False), ({}, True)])
+def test_a_coordinator_that_hears_nobody_is_ended_where_another_can_go_on(
+    again: dict[str, object], stays: bool, tmp_path: Path
+) -> None:
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    supervisor = Supervisor("/bow/x", tmp_path, {"coordinator": {"preset": "fig11d"}})
+    supervisor.again = again
+    supervisor.children.append(Child("coordinator", "coordinator", process, tmp_path / "coordinator.log"))
+    seen = Observed(Watchdog(RUN))
+    seen.watchdog.deaf = process.pid
+    seen.watchdog.stuck = lambda *_: {process.pid}  # type: ignore[method-assign]
+    lines: list[str] = []
+    try:
+        if again or stays:
+            restart_unresponsive(supervisor, seen, lines.append, Counter(), stays)
+            assert process.wait(10) == -signal.SIGKILL
+            assert "hears neither recorder and classifier nor those that were started after them" in lines[0]
+        else:
+            with pytest.raises(GraphError, match="hears neither recorder and classifier"):
+                restart_unresponsive(supervisor, seen, lines.append, Counter(), stays)
+            assert process.poll() is None
+    finally:
+        process.kill()
+        process.wait()
 
 
 PATIENT = """

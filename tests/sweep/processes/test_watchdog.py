@@ -193,6 +193,57 @@ def test_a_coordinator_that_is_stopped_or_computes_is_no_reason_to_join_again(ma
         assert not watchdog.must_join_again(now)
 
 
+def test_while_the_coordinator_is_away_no_process_is_late_but_the_connections_are_looked_after(
+    machine: Machine,
+) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, 0)
+    watchdog.heartbeat(1, "recorder", NodeState.STARTING, RUN, 0)
+    for now in range(1, 100):
+        watchdog.pause(now)
+        assert watchdog.stuck(now) == watchdog.unheard([1], now) == set()
+    assert watchdog.must_join_again(99)
+    assert watchdog.stuck(99 + STUCK_S) == set()
+    assert watchdog.stuck(100 + STUCK_S) == {1}
+
+
+def test_where_successors_of_recorder_and_classifier_are_not_heard_the_coordinator_is_restarted_once(
+    machine: Machine,
+) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    now, pid = 0.0, 1
+    watchdog.heartbeat(9, "coordinator", NodeState.STARTING, RUN, now)
+    watchdog.heartbeat(1, "recorder", NodeState.STARTING, "", now)  # the one before was killed; it may not open the run
+    watchdog.heartbeat(2, "classifier", NodeState.BUSY, RUN, now)
+    consumers, named = {"recorder": 1, "classifier": 2}, []
+    for _ in range(5):
+        now += STUCK_S + 1
+        stuck = watchdog.stuck(now, {*consumers.values(), 9})
+        named.append({role for role, process in consumers.items() if process in stuck} or stuck)
+        for role in [role for role, process in consumers.items() if process in stuck]:
+            pid = consumers[role] = 10 + pid
+            run = "" if role == "recorder" else RUN  # which opens a run only where it is heard itself
+            watchdog.heartbeat(pid, role, NodeState.STARTING, run, now)
+        if watchdog.deaf:
+            watchdog.heartbeat(100, "coordinator", NodeState.STARTING, RUN, now)  # its successor, and deaf too
+    both = {"recorder", "classifier"}
+    assert named == [{"recorder"}, both, {9}, {"recorder"}, both], "once; what comes then ends the sweep"
+    assert watchdog.deaf == 9
+    assert not watchdog.must_join_again(now + LOST_S - STUCK_S)
+
+
+def test_a_coordinator_of_another_machine_is_not_restarted(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    watchdog.heartbeat(0, "coordinator", NodeState.BUSY, RUN, 0)
+    for turn in range(4):
+        now = turn * 20.0
+        for pid, role in ((1, "recorder"), (2, "classifier")):
+            watchdog.heartbeat(10 * turn + pid, role, NodeState.STARTING, RUN, now)
+        ours = {10 * turn + 1, 10 * turn + 2}
+        assert watchdog.stuck(now + STUCK_S + 1, ours) == ours
+    assert not watchdog.deaf
+
+
 def test_a_coordinator_never_heard_is_looked_for_after_a_stop(machine: Machine) -> None:
     watchdog = Watchdog(RUN, machine.usage)
     watchdog.note_stop(50)

@@ -115,6 +115,32 @@ def test_a_simulator_that_was_stopped_makes_no_block_suspect() -> None:
     assert [d.attempt for d in dispatches(ledger.handle(L.SimulatorReady("b"), 0))] == [2, 2]
 
 
+def test_silences_that_end_make_no_block_suspect_and_are_taken_back_in_a_resumed_ledger_too() -> None:
+    ledger, entries = Ledger(1, CHUNKS), []
+    for turn in range(L.SUSPECT_CRASHES + L.POISON_CRASHES + 1):
+        out = [*ledger.handle(L.SimulatorReady("a"), turn), *ledger.handle(L.SimulatorLost("a", "silent"), turn)]
+        assert (ledger.blocks[0].crashes, ledger.blocks[0].crashes_alone) == (1, 1)
+        assert ledger.blocks[0].state is State.DUE
+        for _ in range(2):  # only the first counts
+            out += ledger.handle(L.SimulatorReturned("a"), turn)
+        entries += [item.entry for item in out if isinstance(item, L.Record)]
+        for one in (ledger, Ledger.resume(1, CHUNKS, entries)):
+            assert (one.blocks[0].crashes, one.blocks[0].crashes_alone) == (0, 0)
+    assert [entry["event"] for entry in entries[:4]] == ["dispatched", "died", "due", "returned"]
+
+
+def test_a_simulator_that_returns_takes_back_the_loss_of_its_last_block_only() -> None:
+    ledger = Ledger(2, CHUNKS)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    ledger.handle(L.SimulatorLost("a", "SIGSEGV"), 0)
+    ledger.handle(L.SimulatorReady("a"), 0)
+    answer(ledger, 0)
+    answer(ledger, 1)
+    ledger.handle(L.SimulatorLost("a", "silent"), 0)
+    assert ledger.handle(L.SimulatorReturned("a"), 0) == []
+    assert [block.crashes for block in ledger.blocks] == [1, 0]
+
+
 def test_a_poison_block_is_quarantined_and_the_rest_is_done() -> None:
     ledger = Ledger(4, CHUNKS)
     crashes = 0

@@ -109,6 +109,11 @@ class Sweeping(RuleBasedStateMachine):
         self.do(L.SimulatorLost(simulator, "x", blame))
         self.at.pop(simulator)
 
+    @rule(number=st.integers(0, 9))
+    def come_back(self, number: int) -> None:
+        self.do(L.SimulatorReturned(f"s{number}"))
+        assert all(0 <= block.crashes_alone <= block.crashes for block in self.ledger.blocks)
+
     @rule(simulator=simulators, refused=st.booleans(), stale=st.booleans())
     def end_goal(self, simulator: str, refused: bool, stale: bool) -> None:
         for block in self.ledger.in_flight.get(simulator, [])[:1]:

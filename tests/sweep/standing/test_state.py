@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import subprocess
@@ -13,11 +14,14 @@ from pathlib import Path
 import pytest
 
 from bow_sim.graph.process_stat import start_of
+from bow_sweep.cli.parser import parser
 from bow_sweep.processes.supervisor import GraphError
+from bow_sweep.run.places import Place, write_place
 from bow_sweep.standing import state as module
 from bow_sweep.standing.fits import objection
 from bow_sweep.standing.state import (
     FILE,
+    PLACES,
     State,
     boot,
     default_folder,
@@ -59,6 +63,40 @@ def test_a_graph_is_read_as_it_was_written(tmp_path: Path, state: State) -> None
     state.write(tmp_path / "graph")
     assert read_state(tmp_path / "graph") == state
     assert read_state(tmp_path / "none") is None
+
+
+def test_the_state_file_of_a_graph_from_before_it_had_stations_is_read(tmp_path: Path, state: State) -> None:
+    make_folder(tmp_path)
+    state.write(tmp_path)
+    content = json.loads((tmp_path / FILE).read_text())
+    del content["stations"]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    assert read_state(tmp_path) == state
+    del content["namespace"]
+    (tmp_path / FILE).write_text(json.dumps(content))
+    assert read_state(tmp_path) is None
+
+
+def test_a_graph_serves_who_asks_for_its_number_of_stations_or_for_none(state: State) -> None:
+    divided = replace(state, stations=2)
+    wanted = {"simulators": None, "dashboard": False, "watched": False}
+    assert objection(divided, **wanted) == objection(divided, **wanted, stations=2) == ""
+    assert objection(divided, **wanted, stations=3) == "it has 2 stations, --stations asks for 3"
+
+
+def test_no_station_joins_a_run_of_a_standing_graph(
+    tmp_path: Path, state: State, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    folder, run_id = default_folder(), "a" * 16
+    make_folder(folder)
+    state.write(folder)
+    write_place(folder / PLACES, run_id, Place(tmp_path / "run"))
+    args = parser().parse_args(["station", "lab", "--run", run_id])
+    assert args.run(args) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the graph of `bow up`, which has one station" in line
+    assert "bow sweep --own-graph" in line
 
 
 def test_a_state_file_that_a_power_cut_left_is_no_graph(tmp_path: Path, state: State) -> None:
