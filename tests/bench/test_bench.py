@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, scalar, stk
+from bench import classifier, coordinator, graph, kernel, machine, memory, peak, report, scalar, stations, stk
 from bench.processes import Watch, family_of, memory_of, name_of
 from bow_sim.physics.parameters import Parameters
 
@@ -189,3 +189,15 @@ def test_a_coordinator_with_simulators_that_compute_nothing_finishes_its_sweep(t
     assert one["chunks"] > 7 * 20, "each block has all of its chunks answered"
     assert one["cpu_ms_a_chunk"] > 0 and one["rss_mb"] > 0
     assert [row.section for row in report.rows({"coordinator": [one]})] == ["coordinator"]
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("ros_domain")
+def test_the_cost_of_a_chunk_is_told_for_every_role_of_two_stations(tmp_path: Path) -> None:
+    one = stations.measure(2, ((16, 8), (32, 16)), tmp_path)
+    assert one["chunks"] == [2 * 20, 8 * 20]
+    assert set(one["chunk_ms"]) == set(stations.ROLES)
+    for used in one["cpu_s"]:
+        assert all(used[role] > 0 for role in stations.ROLES), "the processes of both stations are found"
+    (row,) = report.rows({"stations": [one]})
+    assert (row.section, row.what) == ("stations", "2 stations of one simulator")
