@@ -106,13 +106,13 @@ class Side(NamedTuple):
     tail : Tail or None
     body : Body or None
         If not None, taps and tail give what arrives at the bridge, and the body what it sends back.
-    ring : ndarray, shape (groups, length + guard, 8)
-        Outgoing wave, a ring buffer of ``length`` rows. The first ``guard`` rows are repeated at the end, so that any
-        window of rows is contiguous.
-    length, guard : int
-        Rows.
+    ring : ndarray, shape (groups, at least lead + length, 8)
+        Outgoing wave, a ring buffer of ``length`` rows. Its last ``lead`` rows are repeated before it, so that any
+        window of rows is contiguous. Rows behind it stay 0.
+    length, lead : int
+        Rows, multiples of eight: eight steps that begin at such a number are not divided.
     arrived : ndarray, shape (8, 8)
-        Incoming wave in the current eight steps.
+        Incoming wave in the current eight steps, rows of the workspace in `State`.
     """
 
     taps: Any
@@ -122,7 +122,7 @@ class Side(NamedTuple):
     body: Any
     ring: Any
     length: Any
-    guard: Any
+    lead: Any
     arrived: Any
 
 
@@ -173,12 +173,13 @@ class State(NamedTuple):
     ----------
     slipping : ndarray of uint8, shape (groups,)
         After the latest step, one bit a lane.
-    totals : ndarray, shape (9, 8)
-        Workspace: sums of the slip speed before each of eight steps, and after them.
+    work : ndarray, shape (41, 8)
+        Workspace of eight steps: what arrives from each of the four sides, and the sums of the slip speed before each
+        step and after them.
     """
 
     slipping: Any
-    totals: Any
+    work: Any
 
 
 class Intervals(NamedTuple):

@@ -29,6 +29,9 @@ STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
 
 All other models share one kernel for any number of taps; it is slower, but needs to be compiled only once."""
 
+LEAST_RING = 64
+"""Rows of a ring, at least: the more, the more seldom its end is repeated before its beginning."""
+
 TRACES = ("bridge_force", "v", "v_h", "v_centre", "friction_force", "slipping")
 """What :func:`transient` returns of every string, in the order of the kernel's traces."""
 
@@ -111,7 +114,12 @@ class Block:
         )
         make = self._few_side if self._few else self._general_side if self._general else self._standard_side
         self.admittance = y = described.bow_admittance()
-        bridge, nut, torsion_bridge, torsion_nut = (make(same) for same in functions)
+        self._work = aligned((time_loop.TOTALS + time_loop.STRIDE + 1, LANES), self._dtype)
+        arrived = self._work[: time_loop.TOTALS].reshape(len(SIDES), time_loop.STRIDE, LANES)
+        sides: list[Any] = [make(same) for same in functions]
+        if not self._few:
+            sides = [side._replace(arrived=x) for side, x in zip(sides, arrived, strict=True)]
+        bridge, nut, torsion_bridge, torsion_nut = sides
         self._string = String(
             bridge._replace(body=self._make_body(described)),
             nut,
@@ -137,9 +145,7 @@ class Block:
             self._ahead = Ahead(_advance_few, self._string, levels, self._shapes_ahead, *size, waveforms, trace)
             self.traces: NDArray[Any] | None = self._ahead.traces
             return
-        self._state = State(
-            slipping=np.zeros(self._groups, np.uint8), totals=aligned((time_loop.STRIDE + 1, LANES), self._dtype)
-        )
+        self._state = State(slipping=np.zeros(self._groups, np.uint8), work=self._work)
         most = samples // 2 + 1  # if every slip and every stick is one sample long
         self._intervals = Intervals(
             np.zeros(width, np.int64),
@@ -284,15 +290,13 @@ class Block:
         """Return a named tuple of arrays as it is, in the arithmetic of the block."""
         return type(values)(*(x.astype(self._dtype) for x in values))
 
-    def _ring(self, last: int, taps: int) -> dict[str, Any]:
-        guard = taps + time_loop.STRIDE - 1  # rows that eight steps read
-        length = max(last, guard)
-        return {
-            "ring": aligned((self._groups, length + guard, LANES), self._dtype),
-            "length": length,
-            "guard": guard,
-            "arrived": aligned((time_loop.STRIDE, LANES), self._dtype),
-        }
+    def _ring(self, last: int, taps: int, beyond: int = 0) -> dict[str, Any]:
+        """Make a ring for this greatest lag, windows of so many taps, and so many rows that are read beyond its end."""
+        whole = time_loop.STRIDE
+        lead = -(-(taps + whole - 1) // whole) * whole  # rows that eight steps read
+        length = max(-(-last // whole) * whole, lead, LEAST_RING)
+        ring = aligned((self._groups, lead + length + beyond, LANES), self._dtype)
+        return {"ring": ring, "length": length, "lead": lead, "arrived": None}
 
     def _standard_side(self, same: list[Reflection]) -> Side:
         """Make a side whose taps, a tuple, are part of the kernel's type."""
@@ -326,7 +330,12 @@ class Block:
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
             tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, used),
             body=None,
-            **self._ring(int(max(last.max(), tail_last.max())), max(taps.shape[1], tails.shape[1])),
+            **self._ring(
+                int(max(last.max(), tail_last.max())),
+                max(taps.shape[1], tails.shape[1]),
+                # where the lags of another group differ more, some of the taps are 0, of steps to come
+                max(0, taps.shape[1] - int(last.min()), tails.shape[1] - int(tail_last.min())),
+            ),
         )
 
     def _few_side(self, same: list[Reflection]) -> few_cells.Side:

@@ -6,8 +6,8 @@ number is part of the type.
 
 A reflection function whose least lag is m can be applied to m future steps at once, since what arrives then has already
 left the bow. So arrivals are computed ahead, up to eight steps, and each sample is read once; at each step only
-friction and four sums remain. The outgoing waves are kept in ring buffers no longer than the greatest lag, so that the
-state of eight cells stays in the first-level cache.
+friction and four sums remain. The outgoing waves are kept in short ring buffers, so that the state of eight cells stays
+in the first-level cache.
 """
 
 from __future__ import annotations
@@ -22,14 +22,17 @@ from bow_sim.kernel.body import of_body, reflect_at_body
 from bow_sim.kernel.hair import pull_hair, with_hair
 from bow_sim.physics.friction import solve, state_of
 from bow_sim.simd.jit import INLINE, OVERLOAD, njit, overload, part
-from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, signs_of, spread, store
+from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, read, signs_of, spread, store, write
 from bow_sim.simd.rows import fir_each_of, fir_of, transpose
 
 STRIDE = 64 // LANES
 """Steps computed together: the states of eight lanes in these steps are the 64 bits of a number."""
 
+TOTALS = 4 * STRIDE
+"""The first row of the sums of the slip speed in the workspace; before them is what arrives from the four sides."""
+
 _fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
-_fir_each1, _fir_each4, _fir_each8 = fir_each_of(1), fir_each_of(4), fir_each_of(8)
+_fir_each1, _fir_each2, _fir_each8 = fir_each_of(1), fir_each_of(2), fir_each_of(8)
 
 
 def _convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
@@ -44,13 +47,10 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
         def common(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
             if n == STRIDE:
                 _fir8(taps, x, i, out, u * LANES, LANES)
+            elif n == 2:
+                _fir2(taps, x, i, out, u * LANES, LANES)
             else:
-                r = 0
-                while r + 2 <= n:
-                    _fir2(taps, x, i + r * LANES, out, (u + r) * LANES, LANES)
-                    r += 2
-                if r < n:
-                    _fir1(taps, x, i + r * LANES, out, (u + r) * LANES, LANES)
+                _fir1(taps, x, i, out, u * LANES, LANES)
 
         return common
 
@@ -59,22 +59,19 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
         base = group * count * LANES
         if n == STRIDE:
             _fir_each8(taps, base, count, x, i, out, u * LANES)
+        elif n == 2:
+            _fir_each2(taps, base, count, x, i, out, u * LANES)
         else:
-            r = 0
-            while r + 4 <= n:
-                _fir_each4(taps, base, count, x, i + r * LANES, out, (u + r) * LANES)
-                r += 4
-            while r < n:
-                _fir_each1(taps, base, count, x, i + r * LANES, out, (u + r) * LANES)
-                r += 1
+            _fir_each1(taps, base, count, x, i, out, u * LANES)
 
     return each
 
 
 @part(**INLINE)
-def _row(position: Any, length: Any) -> Any:
-    """Return the row of the ring for a position that may lie before its first row."""
-    return position + length if position < 0 else position
+def _row(side: Any, group: Any, position: Any) -> Any:
+    """Return the row of all rings for a position in a group's ring, from which on a window is contiguous."""
+    position = position + side.length if position < -side.lead else position
+    return group * side.ring.shape[1] + side.lead + position
 
 
 def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
@@ -97,25 +94,24 @@ def _overload_delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
     return pick
 
 
-def _add_tail(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> None:
+def _add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: Any) -> None:
     """Add the exponential tail, if there is one, to rows u ... u + n - 1 of what arrives."""
     raise NotImplementedError
 
 
 @overload(_add_tail, strict=False, jit_options=OVERLOAD)
-def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> Any:
+def _overload_add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: Any) -> Any:
     if isinstance(tail, types.NoneType):
-        return lambda side, tail, group, start, position, u, n: None
+        return lambda side, tail, group, block, u, n: None
 
-    def add(side: Any, tail: Any, group: Any, start: Any, position: Any, u: Any, n: Any) -> None:
+    def add(side: Any, tail: Any, group: Any, block: Any, u: Any, n: Any) -> None:
         if not tail.used[group]:
             return
         z = load(tail.state, group * LANES)
         pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
+        first = _row(side, group, block + u - tail.last[group])
         for r in range(n):
-            row = _row(position + r - tail.last[group], side.length)
-            x = _delayed(tail.taps, group, side.ring, start + row)
-            z = pole * z + gain * x
+            z = pole * z + gain * _delayed(tail.taps, group, side.ring, first + r)
             store(side.arrived, (u + r) * LANES, load(side.arrived, (u + r) * LANES) + z)
         store(tail.state, group * LANES, z)
 
@@ -123,26 +119,31 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, start: Any, position: A
 
 
 @part(**INLINE)
-def _fill(side: Any, group: Any, u: Any, steps: Any, position: Any) -> Any:
-    """Compute what arrives from step u on, as far as it has already left, and return the first step not computed."""
-    n = min(side.ahead[group], steps - u)
-    start = group * (side.length + side.guard)
-    oldest = start + _row(position - side.last[group], side.length)
-    _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, u, n)
-    _add_tail(side, side.tail, group, start, position, u, n)
+def _fill(side: Any, group: Any, u: Any, end: Any, block: Any) -> Any:
+    """Compute what arrives from step u on, as far as it has already left, and return the first step not computed.
+
+    Where all eight steps have left, all are computed, also those before u and from `end` on, which nobody reads.
+    """
+    ahead = side.ahead[group]
+    whole = ahead >= STRIDE
+    n = min(ahead if whole else min(ahead, 2), end - u)
+    first = 0 if whole else u
+    oldest = _row(side, group, block + first - side.last[group])
+    _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
+    _add_tail(side, side.tail, group, block, u, n)
     reflect_at_body(side.body, side.arrived, group, u, n)
     return u + n
 
 
 @part(**INLINE)
-def _send(side: Any, group: Any, position: Any, wave: Any) -> Any:
-    """Write a step of an outgoing wave into its ring and return the next row."""
-    row = group * (side.length + side.guard) + position
-    store(side.ring, row * LANES, wave)
-    if position < side.guard:
-        store(side.ring, (row + side.length) * LANES, wave)
-    position += 1
-    return 0 if position == side.length else position
+def _sent(side: Any, group: Any, block: Any) -> Any:
+    """Repeat eight steps of an outgoing wave before the ring, if they are at its end, and return the next position."""
+    if block >= side.length - side.lead:
+        row = (group * side.ring.shape[1] + side.lead + block) * LANES
+        for i in range(row, row + STRIDE * LANES, LANES):
+            store(side.ring, i - side.length * LANES, load(side.ring, i))
+    block += STRIDE
+    return 0 if block == side.length else block
 
 
 def _shape(table: Any, group: Any, t: Any) -> Any:
@@ -153,7 +154,8 @@ def _shape(table: Any, group: Any, t: Any) -> Any:
 @overload(_shape, strict=False, jit_options=OVERLOAD)
 def _overload_shape(table: Any, group: Any, t: Any) -> Any:
     if table.ndim == 1:
-        return lambda table, group, t: spread(table[t])
+        nothing = getattr(np, str(table.dtype))(0)
+        return lambda table, group, t: spread(read(table, t, nothing))
     return lambda table, group, t: load(table, (group * table.shape[1] + t) * LANES)
 
 
@@ -176,28 +178,28 @@ def _overload_keep(traces: Any, i: Any, waves: Any) -> Any:
 
 
 @part(**INLINE)
-def _note(states: Any, before: Any, steps: Any, t0: Any, base: Any, totals: Any, intervals: Any) -> None:
-    """Note where slips begin and end within some steps; `states` has eight bits a step, one a lane."""
+def _note(states: Any, before: Any, begin: Any, end: Any, t0: Any, base: Any, work: Any, intervals: Any) -> None:
+    """Note where slips begin and end in the steps begin ... end - 1; `states` has eight bits a step, one a lane."""
     count, onset, duration, slip = intervals
-    edges = states ^ ((states << np.uint64(LANES)) | before)
-    if steps < STRIDE:
-        edges &= (np.uint64(1) << np.uint64(LANES * steps)) - np.uint64(1)
+    edges = states ^ ((states << np.uint64(LANES)) | (before << np.uint64(LANES * begin)))
+    if end < STRIDE:
+        edges &= (np.uint64(1) << np.uint64(LANES * end)) - np.uint64(1)
     while edges != np.uint64(0):
         place = lowest_bit(edges)
         edges &= edges - np.uint64(1)
         u, lane = place // LANES, place % LANES
-        cell = base + lane
-        k = count[cell]
+        k = read(count, base + lane, np.int64(0))
+        at = (base + lane) * onset.shape[1] + k
         if (states >> np.uint64(place)) & np.uint64(1):
-            onset[cell, k] = t0 + u
+            write(onset, at, np.uint32(t0 + u))
         else:
-            duration[cell, k] = t0 + u - onset[cell, k]
-            slip[cell, k] = totals[u, lane]
-            count[cell] = k + 1
+            write(duration, at, np.uint32(t0 + u - read(onset, at, np.uint32(0))))
+            write(slip, at, np.float64(work[TOTALS + u, lane]))
+            write(count, base + lane, k + 1)
 
 
 @part(**INLINE)
-def _close(slipping: Any, samples: Any, base: Any, totals: Any, intervals: Any) -> None:
+def _close(slipping: Any, samples: Any, base: Any, work: Any, intervals: Any) -> None:
     """End the intervals of slips that continue beyond the chunk at its border."""
     count, onset, duration, slip = intervals
     for lane in range(LANES):
@@ -205,20 +207,20 @@ def _close(slipping: Any, samples: Any, base: Any, totals: Any, intervals: Any) 
             cell = base + lane
             k = count[cell]
             duration[cell, k] = samples - onset[cell, k]
-            slip[cell, k] = totals[0, lane]
+            slip[cell, k] = work[TOTALS, lane]
             count[cell] = k + 1
 
 
 @part(**INLINE)
-def _write(ring: Any, i: Any, steps: Any, out: Any, base: Any, t0: Any) -> None:
-    """Write rows from flat index i of a ring into ``out`` (cells, samples) as float32."""
-    if steps == STRIDE:
+def _write(ring: Any, i: Any, begin: Any, end: Any, out: Any, base: Any, t0: Any) -> None:
+    """Write rows begin ... end - 1 from flat index i of a ring into ``out`` (cells, samples) as float32."""
+    if end - begin == STRIDE:
         transpose(ring, i, LANES, out, base * out.shape[1] + t0, out.shape[1])
     else:
-        for u in range(steps):
-            row = i // LANES + u
+        nothing = ring[0, 0, 0]
+        for u in range(begin, end):
             for lane in range(LANES):
-                out[base + lane, t0 + u] = ring[row // ring.shape[1], row % ring.shape[1], lane]
+                write(out, (base + lane) * out.shape[1] + t0 + u, np.float32(read(ring, i + u * LANES + lane, nothing)))
 
 
 def build(version: int) -> Any:
@@ -257,7 +259,7 @@ def build(version: int) -> Any:
     @njit(nogil=True, cache=version != 0, error_model="numpy", _nrt=False)
     def advance(start: int, samples: int, string: String, gesture: Gesture, state: State, output: Output) -> int:
         bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r, hair = string
-        slipping, totals = state
+        slipping, work = state
         bridge_force, intervals, traces = output
         for group in range(slipping.shape[0]):
             base = group * LANES
@@ -269,25 +271,31 @@ def build(version: int) -> Any:
             total = zero
             before = np.uint64(0)  # as if sticking: a slip that continues is a new interval in this chunk
             intervals.count[base : base + LANES] = 0
-            at_b, at_n = start % bridge.length, start % nut.length
-            at_rb, at_rn = start % torsion_bridge.length, start % torsion_nut.length
-            for t0 in range(0, samples, STRIDE):
-                steps = min(STRIDE, samples - t0)
-                due_b = due_n = due_rb = due_rn = 0
-                first = at_b
+            early = start % STRIDE  # eight steps begin where the number of samples is a multiple of eight
+            at_b, at_n = (start - early) % bridge.length, (start - early) % nut.length
+            at_rb, at_rn = (start - early) % torsion_bridge.length, (start - early) % torsion_nut.length
+            for t0 in range(-early, samples, STRIDE):
+                begin, end = max(0, -t0), min(STRIDE, samples - t0)
+                due = due_b = due_n = due_rb = due_rn = begin
+                row_b, row_n = _row(bridge, group, at_b) * LANES, _row(nut, group, at_n) * LANES
+                row_rb = _row(torsion_bridge, group, at_rb) * LANES
+                row_rn = _row(torsion_nut, group, at_rn) * LANES
                 states = np.uint64(0)
-                store(totals, 0, total)
-                for u in range(steps):
-                    if u == due_b:
-                        due_b = _fill(bridge, group, u, steps, at_b)
-                    if u == due_n:
-                        due_n = _fill(nut, group, u, steps, at_n)
-                    if u == due_rb:
-                        due_rb = _fill(torsion_bridge, group, u, steps, at_rb)
-                    if u == due_rn:
-                        due_rn = _fill(torsion_nut, group, u, steps, at_rn)
-                    in_b, in_n = load(bridge.arrived, u * LANES), load(nut.arrived, u * LANES)
-                    in_rb, in_rn = load(torsion_bridge.arrived, u * LANES), load(torsion_nut.arrived, u * LANES)
+                store(work, (TOTALS + begin) * LANES, total)
+                for u in range(begin, end):
+                    if u == due:
+                        if u == due_b:
+                            due_b = _fill(bridge, group, u, end, at_b)
+                        if u == due_n:
+                            due_n = _fill(nut, group, u, end, at_n)
+                        if u == due_rb:
+                            due_rb = _fill(torsion_bridge, group, u, end, at_rb)
+                        if u == due_rn:
+                            due_rn = _fill(torsion_nut, group, u, end, at_rn)
+                        due = min(due_b, due_n, due_rb, due_rn)
+                    i = u * LANES
+                    in_b, in_n = load(work, i), load(work, STRIDE * LANES + i)
+                    in_rb, in_rn = load(work, 2 * STRIDE * LANES + i), load(work, 3 * STRIDE * LANES + i)
                     f_b = f_end + f_step * _shape(gesture.force, group, t0 + u)
                     v_b = v_0 + v_1 * _shape(gesture.speed, group, t0 + u)
                     v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
@@ -298,24 +306,25 @@ def build(version: int) -> Any:
                     push = d - s  # Y f
                     push_t, push_r = c_t * push, c_r * push
                     out_b = in_n + push_t
-                    at_b = _send(bridge, group, at_b, out_b)
-                    at_n = _send(nut, group, at_n, in_b + push_t)
-                    at_rb = _send(torsion_bridge, group, at_rb, in_rn + push_r)
-                    at_rn = _send(torsion_nut, group, at_rn, in_rb + push_r)
+                    store(bridge.ring, row_b + i, out_b)
+                    store(nut.ring, row_n + i, in_b + push_t)
+                    store(torsion_bridge.ring, row_rb + i, in_rn + push_r)
+                    store(torsion_nut.ring, row_rn + i, in_rb + push_r)
                     total = choose(slips, total + s, 0.0)
-                    store(totals, (u + 1) * LANES, total)
-                    states |= np.uint64(bits_of(slips)) << np.uint64(LANES * u)
+                    store(work, (TOTALS + 1) * LANES + i, total)
+                    states |= np.uint64(bits_of(slips)) << np.uint64(i)
                     v = pull_hair(hair, base, push, v_h, v_b - s)
                     waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
-                    waves = waves + of_body(bridge.body, u * LANES, push) + state_of(law, base, push)
+                    waves = waves + of_body(bridge.body, i, push) + state_of(law, base, push)
                     _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
-                row = group * (bridge.length + bridge.guard) + first
-                _write(bridge.ring, row * LANES, steps, bridge_force, base, t0)
-                _note(states, before, steps, t0, base, totals, intervals)
-                before = states >> np.uint64(LANES * (steps - 1))
+                _write(bridge.ring, row_b, begin, end, bridge_force, base, t0)
+                _note(states, before, begin, end, t0, base, work, intervals)
+                before = states >> np.uint64(LANES * (end - 1))
+                at_b, at_n = _sent(bridge, group, at_b), _sent(nut, group, at_n)
+                at_rb, at_rn = _sent(torsion_bridge, group, at_rb), _sent(torsion_nut, group, at_rn)
             slipping[group] = bits_of(slips)
-            store(totals, 0, total)
-            _close(slipping[group], samples, base, totals, intervals)
+            store(work, TOTALS * LANES, total)
+            _close(slipping[group], samples, base, work, intervals)
         return version
 
     return advance

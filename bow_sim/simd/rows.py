@@ -6,6 +6,7 @@ They are written as single LLVM instructions, because their speed depends on how
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 from llvmlite import ir
@@ -16,6 +17,9 @@ from bow_sim.simd.jit import intrinsic
 from bow_sim.simd.lane_types import LANES, LANES_OF, broadcast, element_aligned, in_halves, pointer, vector
 
 _I64 = ir.IntType(64)
+
+_MANY = 16
+"""With more taps than this, half of the rows are summed at a time: then samples stay in registers, and taps do not."""
 
 
 def fir_of(rows: int) -> Any:
@@ -41,18 +45,20 @@ def fir_of(rows: int) -> Any:
                 index = builder.add(index, ir.Constant(_I64, part * size))
                 return pointer(context, builder, array_type, array, index, kind)
 
+            some = LANES // 2 if rows == LANES and parts > 1 and taps.count > _MANY else rows
             zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * size)
-            for part in range(parts):
-                sums = [zero] * rows
+            for part, first in product(range(parts), range(0, rows, some)):
+                sums = [zero] * some
                 window: list[Any] = []
                 for k in range(taps.count):
                     tap = broadcast(builder, builder.extract_value(tap_values, k), kind)
-                    for r in range(rows):
+                    for r in range(some):
                         if k + r == len(window):
-                            window.append(element_aligned(builder.load(row(x, x_value, i_value, k + r, part)), x))
+                            place = row(x, x_value, i_value, first + k + r, part)
+                            window.append(element_aligned(builder.load(place), x))
                         sums[r] = builder.fadd(sums[r], builder.fmul(tap, window[k + r]))
-                for r in range(rows):
-                    element_aligned(builder.store(sums[r], row(out, out_value, o_value, r, part)), out)
+                for r in range(some):
+                    element_aligned(builder.store(sums[r], row(out, out_value, o_value, first + r, part)), out)
             return context.get_dummy_value()
 
         return types.void(taps, x, types.intp, out, types.intp, types.intp), codegen
