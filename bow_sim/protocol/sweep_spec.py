@@ -23,16 +23,7 @@ from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
 from bow_sim.physics.instruments import PRESETS, SI
-from bow_sim.physics.kinds import (
-    MODEL,
-    MODEL_NAMES,
-    in_order,
-    is_kind,
-    kinds_of,
-    model_name,
-    value_text,
-    with_values,
-)
+from bow_sim.physics.kinds import MODEL, MODEL_NAMES, in_order, is_kind, kinds_of, model_name, value_text, with_values
 from bow_sim.physics.parameters import (
     FIELDS,
     SWEEPABLE,
