@@ -26,7 +26,8 @@ graph adds. `make bench ARGS="--json bench.json --page"` measures and writes thi
 MEANING = {
     "kernel": "A cell-step is one sample of one cell, everything included. One core; the plain loop is one cell at a "
     "time, by Numba, of the same physics and with the same results to the last bit. An earlier state of the kernel "
-    "stands beside it; as it was measured on another day, compare how many times faster than the plain loop each is.",
+    "stands beside it: what share of its time a later one took where both were measured in turns, on the quiet machine "
+    "that bench/baseline.json names.",
     "peak of one core": "Chains of one operation on eight lanes, in registers. Kernel and plain loop never fuse a "
     "multiplication with an addition, so that every machine rounds alike.",
     "kernel against the peak": "Bound: if all multiplications, additions and roots of a cell-step overlapped, and "
@@ -114,15 +115,14 @@ def rows(result: Mapping[str, Any]) -> list[Row]:
 
 
 def _kernel(cases: Mapping[str, Mapping[str, float]]) -> Iterator[Row]:
-    earlier = read(BASELINE)["kernel"]
+    earlier = read(BASELINE)
     for name, case in cases.items():
         beside = f"plain loop {case['plain_ns']:.1f} ns: {case['ratio']:.1f} times" if "plain_ns" in case else ""
         beside = f"{case['over_plain']:.2f} times delta/Cremer without it" if "over_plain" in case else beside
         if name in earlier["cases"]:
-            then = earlier["cases"][name]
+            then, later = earlier["cases"][name]
             beside += "; " if beside else ""
-            beside += f"{earlier['commit']} on {earlier['machine']}: {then['ns']:.2f} ns"
-            beside += f", {then['plain_ns'] / then['ns']:.1f} times the plain loop's" if "plain_ns" in then else ""
+            beside += f"{earlier['commit']} {then:.2f} ns, {earlier['later']} {later / then:.2f} of it"
         cells = "" if case["cells"] == 128 else f", {case['cells']:.0f} cell"
         yield Row("kernel", name.removesuffix(", one cell") + cells, f"{case['ns']:.2f} ns a cell-step", beside)
 
@@ -203,11 +203,13 @@ def _over_earlier(kept: Mapping[str, Any], goal: float | None) -> str:
 
     That kernel is not here: its time follows from the ratio of both, measured in turns on another day.
     """
-    in_turns = read(BASELINE)["kernel_in_turns"]["ns"][KERNEL_OF_PRESET]
-    (now,) = in_turns.keys() - {EARLIER}
-    ratio = kept["over_bare"] * in_turns[now] / in_turns[EARLIER]
+    earlier = read(BASELINE)
+    then, later = earlier["cases"][KERNEL_OF_PRESET]
     asked = f" (goal: at most {goal:g})" if goal else ""
-    return f"{ratio:.2f} times that of {EARLIER}{asked}, if the kernel is that of {now}"
+    return (
+        f"{kept['over_bare'] * later / then:.2f} times that of {earlier['commit']}{asked}, if the kernel is that of "
+        f"{earlier['later']}"
+    )
 
 
 def _verdicts_only(kept: Mapping[str, Any]) -> Row:
