@@ -178,47 +178,39 @@ def _graph(maps: list[dict[str, Any]]) -> Iterator[Row]:
         yield Row("graph", "  CPU", f"{graph['cpu_s']:.2f} s", beside)
         yield Row("graph", "  peak of all, RSS/PSS", f"{graph['peak_rss_mb']:.0f}/{graph['peak_pss_mb']:.0f} MB")
         kept = one["standing"]
-        alone, spread = kept["bare_kernel"], kept["all_over_bare"]
-        beside = f"{kept['over_bare']:.2f} times the bare kernel's {alone['wall_s']:.2f} s just before, the median of "
-        beside += f"{spread[0]:.2f} ... {spread[-1]:.2f}; {_over_earlier(kept, GOALS.get(size))}"
-        beside += f"; goal to result {kept['wall_s']:.2f} s"
+        beside = _over_bare(kept, GOALS.get(size))
         if earlier:
             beside += f"; at {EARLIER} {earlier.standing:.2f} times the kernel of then"
         yield Row("graph", "  standing graph: first block sent to last done", f"{kept['blocks_s']:.2f} s", beside)
-        beyond = f"{kept['cpu_s'] - alone['cpu_s']:.2f} s beyond the bare kernel: "
+        beyond = f"{kept['cpu_s'] - kept['bare_kernel']['cpu_s']:.2f} s beyond the bare kernel: "
         beside = beyond + ", ".join(f"{name} {cpu:.2f}" for name, cpu in kept["processes"].items())
         yield Row("graph", "  standing graph: CPU", f"{kept['cpu_s']:.2f} s", beside)
         chunks = one["width"] * one["height"] * TESTS / CHUNK_CELLS
         beside = ", ".join(f"{name} {1e3 * cpu / chunks:.2f}" for name, cpu in kept["processes"].items())
         yield Row("graph", "  standing graph: CPU a chunk", f"{1e3 * kept['cpu_s'] / chunks:.2f} ms", f"ms: {beside}")
         if "verdicts_only" in one:
-            yield _verdicts_only(one["verdicts_only"])
+            kept = one["verdicts_only"]
+            beside = f"{_over_bare(kept, VERDICTS_GOAL)}; CPU {kept['cpu_s']:.2f} s"
+            yield Row("graph", "  standing graph, verdicts only: the same", f"{kept['blocks_s']:.2f} s", beside)
         for process, use in graph["processes"].items():
             memory = f"peak RSS/PSS {use['peak_rss_mb']:.0f}/{use['peak_pss_mb']:.0f} MB"
             yield Row("graph", f"    {process}", f"CPU {use['cpu_s']:.2f} s", memory)
 
 
-def _over_earlier(kept: Mapping[str, Any], goal: float | None) -> str:
-    """Return the ratio of a standing graph to the bare kernel of `EARLIER`, in words.
+def _over_bare(kept: Mapping[str, Any], goal: float | None) -> str:
+    """Return the ratios of a standing graph to the bare kernel, and to that of the earlier commit, in words.
 
-    That kernel is not here: its time follows from the ratio of both, measured in turns on another day.
+    The earlier kernel is not here: its time follows from the ratio of both, measured in turns on another day.
     """
-    earlier = read(BASELINE)
+    earlier, spread = read(BASELINE), kept["all_over_bare"]
     then, later = earlier["cases"][KERNEL_OF_PRESET]
     asked = f" (goal: at most {goal:g})" if goal else ""
     return (
-        f"{kept['over_bare'] * later / then:.2f} times that of {earlier['commit']}{asked}, if the kernel is that of "
-        f"{earlier['later']}"
+        f"{kept['over_bare']:.2f} times the bare kernel's {kept['bare_kernel']['wall_s']:.2f} s just before, the "
+        f"median of {spread[0]:.2f} ... {spread[-1]:.2f}; {kept['over_bare'] * later / then:.2f} times that of "
+        f"{earlier['commit']}{asked}, if the kernel is that of {earlier['later']}; goal to result "
+        f"{kept['wall_s']:.2f} s"
     )
-
-
-def _verdicts_only(kept: Mapping[str, Any]) -> Row:
-    """Return the row of a map of which only the verdicts are recorded."""
-    alone, spread = kept["bare_kernel"], kept["all_over_bare"]
-    beside = f"{kept['over_bare']:.2f} times the bare kernel's {alone['wall_s']:.2f} s just before, the median of "
-    beside += f"{spread[0]:.2f} ... {spread[-1]:.2f}; {_over_earlier(kept, VERDICTS_GOAL)}"
-    beside += f"; goal to result {kept['wall_s']:.2f} s; CPU {kept['cpu_s']:.2f} s"
-    return Row("graph", "  standing graph, verdicts only: the same", f"{kept['blocks_s']:.2f} s", beside)
 
 
 def _coordinator(pools: list[dict[str, Any]]) -> Iterator[Row]:
