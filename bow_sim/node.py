@@ -108,8 +108,8 @@ class SimulatorNode(BowNode):
         return role in CONSUMERS or role == "coordinator" or node == self.health.node
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
-        """Become ready at once when the last of the consumers reports that it receives the streams."""
-        if message.role in CONSUMERS and self.health.state == Health.STARTING:
+        """Become ready at once when the last of consumers and coordinator reports that it hears this simulator."""
+        if message.role in (*CONSUMERS, "coordinator") and self.health.state == Health.STARTING:
             self._check_readers()
 
     def _on_plan(self, event: PlanReceived) -> None:
@@ -137,6 +137,8 @@ class SimulatorNode(BowNode):
         if run != NO_RUN:
             now = self.awake.now()
             missing = self.missing_readers(READERS, run[0])
+            if self.health.state == Health.STARTING and not self.works_for(self.authority.owner, run[0]):
+                missing.append("the coordinator's answer")  # without it blocks are ignored
             alive = all(self.neighbours.of_role(role, now, run[0]) for role in CONSUMERS)
             self._handle(ReadersChecked(tuple(missing), alive))
         self._carry_out()

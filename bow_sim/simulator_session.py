@@ -49,6 +49,11 @@ IN_HAND = 2
 REFUSED = 8
 """Refused blocks that a heartbeat names, at most: the latest."""
 
+FAILURES = 3
+"""After so many messages in a row that could not be published, the publishers are created again; at most every
+`UNCONFIRMED_S`. Fast DDS 2.14 sometimes has no memory left for a message that it lends to several readers, and then
+never again (its issues 6134, 6361)."""
+
 NO_RUN = ("", "")
 
 WORKING = (NodeState.READY, NodeState.BUSY)
@@ -105,8 +110,8 @@ class SimulatorSession:
         self._busy = False  # the worker computes a chunk, or publishes it for the first time
         self._publishing = 0  # instructions to publish that the worker has not reported
         self._consumers_alive = False
-        self._publishers_fail = False
-        self._publishers_since, self._last_hello = now, float("-inf")
+        self._publishers_fail, self._failures = False, 0  # since they were created; in a row
+        self._publishers_since, self._last_hello, self._recreated = now, float("-inf"), float("-inf")
         self._hello = tuple(cdr.hello(name, incarnation) for name in ("BridgeForce", "StickSlip"))
 
     # ---- reading
@@ -248,12 +253,14 @@ class SimulatorSession:
         """Be ready as long as the consumers of this run receive the streams."""
         if self.run == NO_RUN:
             return
+        unheard = missing and self._publishers_fail and now - self._publishers_since > UNCONFIRMED_S
+        if unheard or (self._failures >= FAILURES and now - self._recreated > UNCONFIRMED_S):
+            self._publishers_fail, self._failures = False, 0
+            self._publishers_since = self._recreated = now
+            out.append(Log("the streams cannot be published: their publishers are created again"))
+            out.append(RecreatePublishers())
         if missing:
             self._set_state(NodeState.STARTING, f"waiting: {', '.join(missing)}", out)
-            if self._publishers_fail and now - self._publishers_since > UNCONFIRMED_S:
-                self._publishers_fail, self._publishers_since = False, now
-                out.append(Log("the streams cannot be published: their publishers are created again"))
-                out.append(RecreatePublishers())
         elif self.state == NodeState.STARTING:
             self._set_state(NodeState.BUSY if self._held else NodeState.READY, "", out)
 
@@ -299,6 +306,7 @@ class SimulatorSession:
     def _take_published(self, instruction: Publish, failed: bool) -> None:
         self._publishing -= 1
         self._publishers_fail |= failed  # a lost chunk is sent again
+        self._failures = self._failures + 1 if failed else 0
         if instruction.of is not None:
             self._busy, self._computed = False, None
             self._chunk += 1

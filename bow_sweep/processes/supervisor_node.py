@@ -25,7 +25,7 @@ from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
 from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, AwakeClock, Neighbour
-from bow_sim.protocol.stations import namespace_of
+from bow_sim.protocol.stations import namespace_of, station_of
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.leader import Leader
 from bow_sweep.processes.progress import Display, Progress
@@ -139,7 +139,14 @@ class SupervisorNode(BowNode):
         if message.state != Health.DEAD:
             seen.heard.add(message.pid)
             seen.watchdog.heartbeat(
-                message.pid, message.role, message.state, message.run_id, now, message.incarnation, message.hears
+                message.pid,
+                message.role,
+                message.state,
+                message.run_id,
+                now,
+                message.incarnation,
+                message.hears,
+                station_of(message.node, self.run_namespace) or "",
             )
         if message.role == "coordinator":
             seen.note_waiting(message.detail if message.state == Health.STARTING else "", now)

@@ -31,6 +31,9 @@ STALL_S = 300.0
 RESTARTS = 3
 """Each process of a role is restarted this often because its heartbeats do not arrive; more often does not help."""
 
+STREAMS = frozenset({"bridge_force", "stick_slip"})
+"""What recorder and classifier hear of a simulator that works."""
+
 BUSY_SHARE, BUSY_BYTES = 0.2, 1e6
 """A process is busy, and may be starting, that uses (or waits for) this share of a core, or moves this many bytes/s."""
 
@@ -77,10 +80,11 @@ class _Starting(NamedTuple):
 
 
 class _Peer(NamedTuple):
-    """A process that was heard: its role and incarnation, and since when it is heard."""
+    """A process that was heard: its role, incarnation and station, and since when it is heard."""
 
     role: str
     incarnation: str
+    station: str
     since: float
 
 
@@ -107,6 +111,8 @@ class Watchdog:
         self._coordinator: tuple[int, float] = (0, math.inf)  # its process, and when it was heard
         self._peers: dict[int, _Peer] = {}  # recorder, classifier and simulators
         self._heard_by_coordinator: set[str] = set()  # incarnations
+        self._hears: dict[int, dict[str, set[str]]] = {}  # recorder or classifier: incarnation -> topics
+        self._doubted: set[int] = set()  # consumers that did not hear a simulator which was restarted for that
         self._stuck: set[str] = set()  # roles of which a process was stuck and none was ready since
         self._joins = 0  # since then
         self._progress: tuple[object, float] = (None, 0.0)
@@ -124,6 +130,7 @@ class Watchdog:
         now: float,
         incarnation: str = "",
         hears: Collection[str] = (),
+        station: str = "",
     ) -> None:
         """Take in a heartbeat of one of our processes.
 
@@ -139,6 +146,8 @@ class Watchdog:
             Of the process.
         hears
             As in a Health: an incarnation, and what arrives from it.
+        station
+            That the process is in.
         """
         self._heard[pid] = now
         if role == "coordinator":
@@ -147,7 +156,9 @@ class Watchdog:
             if run_id == self.run_id:
                 self._opened = min(self._opened, now)
         elif role in (*CONSUMERS, "simulator"):
-            self._peers.setdefault(pid, _Peer(role, incarnation, now))
+            self._peers.setdefault(pid, _Peer(role, incarnation, station, now))
+        if role in CONSUMERS:
+            self._hears[pid] = {words.split()[0]: set(words.split()[1:]) for words in hears if words}
         if state in (NodeState.READY, NodeState.BUSY):
             self.worked.add(pid)
         without_run = role in CONSUMERS and run_id != self.run_id
@@ -229,6 +240,7 @@ class Watchdog:
             candidates = set(lost) or {coordinator}
         stuck = {pid for pid in candidates if now - since[pid] > self._patience}
         if stuck:
+            stuck = self._deaf_to_simulators(stuck, needed) or stuck
             roles = {self._peers[pid].role for pid in stuck & self._peers.keys()}
             of_both = roles & self._stuck and self._stuck >= set(CONSUMERS)
             if of_both and coordinator in needed and not self.deaf:
@@ -243,6 +255,27 @@ class Watchdog:
             others = {pid: process for pid, process in self._starting.items() if pid not in stuck}
             self._starting = {pid: process._replace(since=now) for pid, process in others.items()}
         return stuck
+
+    def _deaf_to_simulators(self, stuck: Collection[int], needed: Collection[int]) -> set[int]:
+        """Return the consumers to restart instead of stuck processes, which are simulators that these do not hear.
+
+        A process that was killed may leave its listeners in the middleware without what others send them.
+        """
+        waiting = {pid: process.role for pid, process in self._starting.items()}
+        if any(waiting.get(pid) != "simulator" for pid in stuck):
+            return set()
+        simulators = [peer for pid, peer in self._peers.items() if waiting.get(pid) == "simulator"]
+        deaf = set()
+        for pid in (self._hears.keys() & set(needed)) - waiting.keys():
+            hears, station = self._hears[pid], self._peers[pid].station
+            of_station = [peer.incarnation for peer in simulators if peer.station == station]
+            unheard = sum(not hears.get(incarnation, set()) >= STREAMS for incarnation in of_station)
+            if unheard > 1 or (unheard and pid in self._doubted):
+                deaf.add(pid)
+            elif unheard:
+                self._doubted.add(pid)
+        self._doubted -= deaf
+        return deaf
 
     def unheard(self, pids: Collection[int], now: float) -> set[int]:
         """Return the processes whose heartbeat is overdue although they neither compute nor read."""

@@ -11,7 +11,8 @@ from bow_msgs.msg import Health
 from bow_sim.graph.node_base import RCLError
 from bow_sim.node import SimulatorNode
 from bow_sim.protocol import cdr
-from bow_sim.simulator_events import Ignore, RecreatePublishers, Report, SetState
+from bow_sim.simulator_events import Ignore, PlanReceived, RecreatePublishers, Report, SetState
+from tests.support.example_maps import RUN, plan
 
 
 @pytest.fixture
@@ -50,3 +51,22 @@ def test_the_heartbeat_names_blocks_held_and_refused(simulator: SimulatorNode) -
     assert (health.state, health.run_id, health.ignored) == (Health.BUSY, "r1", 1)
     assert (list(health.held_blocks), list(health.held_attempts)) == ([3, 4], [1, 2])
     assert (list(health.refused_blocks), list(health.refused_attempts)) == ([5], [1])
+
+
+def test_it_takes_no_work_before_the_coordinator_says_that_it_hears_it(simulator: SimulatorNode) -> None:
+    """Blocks of a coordinator that is not known are ignored, and are sent again only after 3 s."""
+
+    def heartbeat(role: str, incarnation: str, hears: str) -> None:
+        message = Health(role=role, node=f"/bow/{role}", incarnation=incarnation, state=Health.READY, run_id=RUN)
+        message.pid, message.number, message.hears = 1, 1, [f"{simulator.incarnation} {hears}"]
+        simulator._take_health(message)
+
+    opening = plan()
+    assert not simulator.authority.objection(opening)
+    simulator._on_plan(PlanReceived(opening))
+    for role in ("recorder", "classifier"):
+        heartbeat(role, role[:4] * 4, "bridge_force health stick_slip")
+    assert simulator.health.state == Health.STARTING
+    assert "coordinator" in simulator.health.detail
+    heartbeat("coordinator", opening["incarnation"], "health")
+    assert simulator.health.state == Health.READY

@@ -118,6 +118,25 @@ def test_publishers_that_fail_for_good_are_created_again(session: SimulatorSessi
     assert RecreatePublishers() not in early.handle(missing, 20 + UNCONFIRMED_S)
 
 
+def test_publishers_that_fail_again_and_again_are_created_again_at_once_but_not_too_often(
+    session: SimulatorSession,
+) -> None:
+    publish = next(item for item in session.handle(WorkerIdle(), 9) if isinstance(item, Publish))
+    heard = ReadersChecked((), consumers_alive=True)
+
+    def recreated(failures: list[bool], now: float) -> bool:
+        for failed in failures:
+            session.handle(Published(publish, failed=failed), now)
+        return RecreatePublishers() in session.handle(heard, now)
+
+    assert not recreated([True, True], 9)
+    assert not recreated([False, True, True], 9)
+    assert recreated([True], 9)
+    assert not recreated([True] * 3, 9 + UNCONFIRMED_S)
+    assert recreated([], 9.1 + UNCONFIRMED_S)
+    assert not recreated([], 20 + UNCONFIRMED_S), "those that were created since have not failed"
+
+
 def test_a_lost_consumer_takes_the_simulator_out_of_work_until_it_is_back(session: SimulatorSession) -> None:
     why = "/bow/recorder does not hear stick_slip"
     (item,) = session.handle(ReadersChecked((why,), consumers_alive=True), 1)

@@ -293,3 +293,40 @@ def test_where_a_successor_is_not_heard_either_the_other_consumer_is_restarted_t
     watchdog.heartbeat(5, "classifier", NodeState.BUSY, RUN, 40)
     watchdog.heartbeat(5, "classifier", NodeState.STARTING, RUN, 50)  # not for the same reason
     assert watchdog.stuck(51 + STUCK_S, {4, 5, 9}) == {5}
+
+
+BOTH_STREAMS = "bridge_force stick_slip"
+
+
+def consumers_and_simulators(watchdog: Watchdog, now: float, heard_by_recorder: dict[int, str]) -> None:
+    """Heartbeats of a recorder, 1, of what it hears from which process, a classifier, 2, and simulators that wait."""
+    heard = [f"incarnation{pid} health {topics}" for pid, topics in heard_by_recorder.items()]
+    watchdog.heartbeat(9, "coordinator", NodeState.BUSY, RUN, now)
+    watchdog.heartbeat(1, "recorder", NodeState.BUSY, RUN, now, "r", heard)
+    everything = [f"incarnation{pid} health {BOTH_STREAMS}" for pid in heard_by_recorder]
+    watchdog.heartbeat(2, "classifier", NodeState.BUSY, RUN, now, "c", everything)
+    for pid in heard_by_recorder:
+        watchdog.heartbeat(pid, "simulator", NodeState.STARTING, RUN, now, f"incarnation{pid}")
+
+
+def test_a_recorder_that_hears_a_stream_of_no_simulator_is_restarted_instead_of_these(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    consumers_and_simulators(watchdog, 0, {3: "stick_slip", 4: "stick_slip"})
+    assert watchdog.stuck(STUCK_S + 1, {1, 2, 3, 4, 9}) == {1}
+    assert watchdog.stuck(2 * STUCK_S, {2, 3, 4, 9}) == set(), "the simulators have as long again"
+
+
+def test_a_recorder_that_does_not_hear_a_simulator_and_then_its_successor_is_restarted(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    consumers_and_simulators(watchdog, 0, {3: "stick_slip"})
+    assert watchdog.stuck(STUCK_S + 1, {1, 2, 3, 9}) == {3}, "it may be the simulator that does not publish"
+    consumers_and_simulators(watchdog, STUCK_S + 2, {4: ""})
+    assert watchdog.stuck(2 * STUCK_S + 3, {1, 2, 4, 9}) == {1}
+
+
+def test_a_recorder_need_not_hear_the_simulators_of_other_stations(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    consumers_and_simulators(watchdog, 0, {3: BOTH_STREAMS})
+    for pid in (4, 5):
+        watchdog.heartbeat(pid, "simulator", NodeState.STARTING, RUN, 0, f"incarnation{pid}", station="lab")
+    assert watchdog.stuck(STUCK_S + 1, {1, 2, 3, 4, 5, 9}) == {3, 4, 5}
