@@ -57,6 +57,11 @@ with -p station:=NAME it belongs to the station NAME of the run, which has a rec
 CHECK_S = 0.1
 """Between two checks of the consumers' heartbeats."""
 
+MATCHED_S = 1.0
+"""So long after its publishers are made, a simulator that is not matched with both consumers publishes nothing: Fast
+DDS may wait for ever for what a reader acknowledges that was matched between two messages (data sharing), see
+`simulator_session.FAILURES`."""
+
 STREAMS = {"bridge_force": BridgeForce, "stick_slip": StickSlip}
 
 READERS = tuple((topic, role) for role in CONSUMERS for topic in STREAMS)
@@ -189,6 +194,15 @@ class SimulatorNode(BowNode):
             for publisher in self._streams:
                 self.destroy_publisher(publisher)
             self._streams = [self.create_publisher(kind, topic, STREAM_WRITER) for topic, kind in STREAMS.items()]
+            self._made = time.monotonic()
+
+    def _is_matched(self) -> bool:
+        """Return whether the middleware has found both consumers, or has had the time for it."""
+        if time.monotonic() - self._made > MATCHED_S:
+            return True
+        with self._publishing, contextlib.suppress(RCLError):  # while the process ends
+            return min(publisher.get_subscription_count() for publisher in self._streams) >= len(CONSUMERS)
+        return False
 
     # ---- the worker's thread
 
@@ -197,7 +211,8 @@ class SimulatorNode(BowNode):
             try:
                 instruction = self._to_worker.get(timeout=FIRST_HELLO_S)
             except queue.Empty:
-                self._handle(WorkerIdle())
+                if self._is_matched():
+                    self._handle(WorkerIdle())
                 continue
             match instruction:
                 case ComputeChunk():

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import pytest
 import rclpy
 from bow_msgs.msg import Health
 
-from bow_sim.graph.node_base import RCLError
-from bow_sim.node import SimulatorNode
+from bow_sim.graph.node_base import STREAM, RCLError
+from bow_sim.node import MATCHED_S, STREAMS, SimulatorNode
 from bow_sim.protocol import cdr
 from bow_sim.simulator_events import Ignore, PlanReceived, RecreatePublishers, Report, SetState
 from tests.support.example_maps import RUN, plan
@@ -29,6 +30,9 @@ def test_publishers_that_fail_are_created_again(simulator: SimulatorNode) -> Non
     class Broken:
         def publish(self, _: bytes) -> None:
             raise RCLError("cannot publish data")
+
+        def get_subscription_count(self) -> int:
+            return 0
 
     hello = [cdr.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
     originals = simulator._streams
@@ -70,3 +74,22 @@ def test_it_takes_no_work_before_the_coordinator_says_that_it_hears_it(simulator
     assert "coordinator" in simulator.health.detail
     heartbeat("coordinator", opening["incarnation"], "health")
     assert simulator.health.state == Health.READY
+
+
+def test_it_publishes_nothing_before_both_consumers_are_matched_or_have_had_the_time(
+    simulator: SimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulator._made = time.monotonic()
+    assert not simulator._is_matched()
+    for consumer in (1, 2):
+        for topic, kind in STREAMS.items():
+            simulator.create_subscription(kind, topic, lambda _: None, STREAM)
+        deadline = time.monotonic() + 5
+        while min(p.get_subscription_count() for p in simulator._streams) < consumer and time.monotonic() < deadline:
+            time.sleep(0.01)
+        simulator._made = time.monotonic()
+        assert simulator._is_matched() == (consumer == 2)
+    monkeypatch.setattr("bow_sim.node.CONSUMERS", ("a", "b", "c"))
+    assert not simulator._is_matched()
+    simulator._made -= MATCHED_S
+    assert simulator._is_matched()
