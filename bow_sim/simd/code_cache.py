@@ -20,6 +20,7 @@ from typing import Any
 
 from numba.core import config, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator, NullCache
+from numba.core.runtime import rtsys
 
 REPORT_AFTER_S = 2.0
 """A compilation that takes longer is reported."""
@@ -120,10 +121,15 @@ class CodeCache(NullCache):
         return None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the version for a signature; None if there is none that can be read."""
+        """Return the version for a signature; None if there is none that can be read.
+
+        Numba would first load all that it can compile, 0.15 s and SciPy's linear algebra with it. To run machine code
+        takes only the functions that count references; whatever is compiled later loads the rest.
+        """
+        rtsys.initialize(target_context)
         for cache in self._to_read:
             try:
-                found = cache.load_overload(sig, target_context)
+                found = cache._load_overload(sig, target_context)
             except Exception:  # no permission, or an incomplete file: pickle may raise any exception
                 continue
             if found is not None:

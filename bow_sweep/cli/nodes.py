@@ -13,7 +13,7 @@ from bow_sweep.processes.exit_status import USAGE
 from bow_sweep.processes.roles import MODULES
 
 
-def add_commands(commands: Any) -> None:
+def add_command(commands: Any) -> None:
     """Add a parser for each node; its default `run` passes all arguments to the node."""
     for name in MODULES:
         parser = commands.add_parser(name, help=f"run one {name} node, as `ros2 run bow {name}` does", add_help=False)

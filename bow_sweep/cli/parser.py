@@ -3,43 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 from collections.abc import Sequence
 
 from bow_sim.graph import environment
-from bow_sweep.cli import (
-    classify,
-    collect,
-    compare,
-    edges,
-    explore,
-    exponent,
-    export,
-    figure,
-    inspect,
-    nodes,
-    optimise,
-    plot,
-    recover,
-    repeats,
-    replay,
-    settings,
-    station,
-    status,
-    study,
-    sweep,
-    transient,
-    up,
-    validate,
-    verify,
-)
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import FAILED, INTERRUPTED
 from bow_sweep.processes.roles import MODULES
 
+ADDED_BY = {
+    **{name: name for name in ("sweep", "study", "optimise", "inspect", "explore", "transient", "edges", "repeats")},
+    **{name: name for name in ("exponent", "figure", "validate", "compare", "plot", "verify", "replay", "recover")},
+    **{name: name for name in ("collect", "export", "classify", "settings", "station", "up")},
+    "down": "up",
+    "status": "status",
+    **dict.fromkeys(MODULES, "nodes"),
+}
+"""Command -> the module of this package that adds its parser, in the order of the help."""
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of the whole command."""
+
+def parser(only: str = "") -> argparse.ArgumentParser:
+    """Return the parser of the whole command, or of `only` one of its commands: that imports no other's modules."""
     top = argparse.ArgumentParser(
         prog="bow",
         description="Explore how a bowed string answers the bow: sweeps of simulated strings as a ROS 2 graph, "
@@ -47,13 +32,8 @@ def parser() -> argparse.ArgumentParser:
         epilog="begin with: bow sweep fig11d --nx 32 --ny 16",
     )
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    looked_at = sweep, study, optimise, inspect, explore, transient, edges, repeats, exponent, figure, validate
-    for module in (*looked_at, compare, plot, verify, replay, recover, collect, export, classify, settings):
-        module.add_command(commands)
-    station.add_command(commands)
-    up.add_commands(commands)
-    status.add_command(commands)
-    nodes.add_commands(commands)
+    for name in [ADDED_BY[only]] if only in ADDED_BY else dict.fromkeys(ADDED_BY.values()):
+        importlib.import_module(f"bow_sweep.cli.{name}").add_command(commands)
     return top
 
 
@@ -73,9 +53,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     environment.open_streams()
     words = list(sys.argv[1:] if arguments is None else arguments)
     if words and words[0] in MODULES:  # argparse would take --help and --ros-args for its own
+        from bow_sweep.cli import nodes
+
         return nodes.run_node(words[0], words[1:])
     try:
-        args = parser().parse_args(words)
+        args = parser(words[0] if words else "").parse_args(words)
         status: int = args.run(args)
         sys.stdout.flush()
     except KeyboardInterrupt:

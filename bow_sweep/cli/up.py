@@ -17,7 +17,7 @@ shell, listens on 127.0.0.1 only, and uses little CPU time while it waits. Each 
 clients are served one after the other."""
 
 
-def add_commands(commands: Any) -> None:
+def add_command(commands: Any) -> None:
     """Add the parsers of `up` and `down`; their defaults `run` take the parsed arguments."""
     parser = commands.add_parser(
         "up",

@@ -11,6 +11,7 @@ supervisor_node  the node of `bow sweep` itself
 launch_arguments reads the arguments of the launch files
 progress         the progress of a sweep on stderr
 new_directory    the directory of a run: created, locked, released
+start_nodes      the processes of a graph started, with what they share loaded once
 run_graph        a graph from its first process to the finished run directory
 station_graph    the processes of `bow station`
 station_watch    watches them until the run is over

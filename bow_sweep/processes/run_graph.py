@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
-import inspect
 import json
-import os
-import time
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.inspected import spread_cells
 from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
+from bow_sweep.processes.start_nodes import start_nodes
 from bow_sweep.processes.supervisor import Supervisor
 from bow_sweep.run.directory import REPORT, RunError, is_finished, read_ledger
 from bow_sweep.view.viewer import Screen
 
 LOGS = "log"
-AT_ONCE, BETWEEN_S = 8, 0.1
-"""This many simulators, or one for each core if that is more, start at once; the others at this interval. Each uses a
-whole core while it starts."""
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
@@ -109,25 +101,12 @@ def run_graph(
         parameters["dashboard"]["connect"] = screen.uri
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters, partial(has_finished, directory), screen)
     supervisor.again = again
-    places = numbered(stations)
     finished = False
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            for station in places:
-                supervisor.start("recorder", station)
-            with interrupts.immediate():
-                load_measures()
-            if dashboard:  # it imports the most that others do not need, meanwhile, on another core
-                supervisor.start("dashboard")
-            with interrupts.immediate():
-                load_compiled(sweep)
-            supervisor.start("coordinator")  # it needs the fingerprint, and would compute it itself otherwise
-            for station in places:
-                supervisor.start("classifier", station)
-            start_simulators(supervisor, simulators, places, interrupts)
-            # Imported here because it loads ROS: a process with DDS entities must not be forked.
-            from bow_sweep.processes.supervisor_node import watch
+            start_nodes(supervisor, sweep, simulators, numbered(stations), dashboard, interrupts)
+            from bow_sweep.processes.supervisor_node import watch  # start_nodes has loaded ROS
 
             gc.enable()
             watch(supervisor, display, interrupts)
@@ -138,34 +117,3 @@ def run_graph(
             if killed:
                 display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")
     return supervisor.left_out
-
-
-def start_simulators(supervisor: Supervisor, count: int, places: Sequence[str], interrupts: Interrupts) -> None:
-    """Start simulators, dealt out evenly to stations."""
-    for number in range(count):
-        if number >= max(AT_ONCE, len(os.sched_getaffinity(0))):
-            time.sleep(BETWEEN_S)
-            interrupts.check()
-        supervisor.start("simulator", places[number % len(places)])
-
-
-def load_measures() -> None:
-    """Import what the measures of a map need: coordinator, dashboard and the check at the end use them."""
-    import scipy.ndimage  # noqa: F401
-
-
-def load_compiled(sweep: Sweep) -> None:
-    """Load the compiled kernel and classifier, or compile them, and compute the fingerprint of the sweep.
-
-    Processes that are forked later have all this already.
-    """
-    from bow_classifier.precompile import precompile
-    from bow_sim.kernel.block import Block
-    from bow_sim.physics.kinds import common
-
-    Block(*common(sweep.parameters, sweep.lanes(sweep.block(0)))[:2]).advance()
-    precompile()
-    with contextlib.suppress(ParameterError):  # the coordinator reports it
-        _ = sweep.fingerprint
-    # The first line of a log looks for the file of each module, which takes 40 ms: that is kept, and copied too.
-    inspect.getmodule(inspect.currentframe())

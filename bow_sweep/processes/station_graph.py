@@ -8,7 +8,8 @@ from pathlib import Path
 from bow_sim.protocol.inspected import SPREAD
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.progress import Display
-from bow_sweep.processes.run_graph import LOGS, start_simulators
+from bow_sweep.processes.run_graph import LOGS
+from bow_sweep.processes.start_nodes import load_ros, start_simulators
 from bow_sweep.processes.supervisor import Supervisor
 
 
@@ -54,15 +55,17 @@ def run_station(
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("leaving the run; a few seconds") as interrupts:
         try:
+            with interrupts.immediate():
+                load_ros("recorder")
             supervisor.start("recorder", station)
             with interrupts.immediate():
                 from bow_classifier.precompile import precompile
 
                 precompile()  # the processes that are forked later have it
+                load_ros("classifier", "simulator")
             supervisor.start("classifier", station)
             start_simulators(supervisor, simulators, [station], interrupts)
-            # Imported here because it loads ROS: a process with DDS entities must not be forked.
-            from bow_sweep.processes.station_watch import watch_station
+            from bow_sweep.processes.station_watch import watch_station  # load_ros has loaded ROS
 
             gc.enable()
             watch_station(supervisor, station, display, interrupts)

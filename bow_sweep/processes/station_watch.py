@@ -63,7 +63,7 @@ def watch_station(supervisor: Supervisor, station: str, display: Display, interr
     apply_defaults()
     gc.freeze()  # modules stay loaded: collections need not look at them
     run_id = supervisor.namespace.rpartition("/")[2]
-    graph = Connection(supervisor.namespace, run_id, StationNode, station)
+    graph = Connection(supervisor, run_id, StationNode, station)
     try:
         graph.join()
         _watch(supervisor, graph, display, interrupts)

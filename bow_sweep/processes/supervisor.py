@@ -164,6 +164,7 @@ class Supervisor:
         self.left_out: list[Path] = []
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
+        self._copies = "rclpy" not in sys.modules  # who has loaded it may have DDS entities
         logs.mkdir(parents=True, exist_ok=True)
         remove_leftovers()
         self._logs_before = os.environ.get(ROS_LOGS)
@@ -180,7 +181,7 @@ class Supervisor:
         environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         nice = 0 if self.screen.process else NICE.get(role, 0)
         process: Process
-        if "rclpy" not in sys.modules and threading.active_count() == 1:  # a copy would lack the other threads
+        if self._copies and threading.active_count() == 1:  # a copy would lack the other threads
             process = Forked(partial(_run_node, nice, name, command, environment), log)
         else:
             python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]
@@ -189,6 +190,10 @@ class Supervisor:
         child = Child(role, name, process, log, station)
         self.children.append(child)
         return child
+
+    def stop_copying(self) -> None:
+        """Start no more processes as copies of this one: call it before this one makes DDS entities."""
+        self._copies = False
 
     def _running_cleaner(self) -> ShmCleaner:
         """Return the shared-memory cleaner; start one at first, and where it has exited."""

@@ -195,8 +195,8 @@ class Connection:
 
     Parameters
     ----------
-    namespace
-        Of the graph.
+    supervisor
+        Of the graph; it makes no more copies of this process once the node has joined.
     run_id
         The run that the watchdog begins with.
     make
@@ -206,9 +206,11 @@ class Connection:
     """
 
     def __init__(
-        self, namespace: str, run_id: str, make: type[SupervisorNode] = SupervisorNode, station: str = ""
+        self, supervisor: Supervisor, run_id: str, make: type[SupervisorNode] = SupervisorNode, station: str = ""
     ) -> None:
-        place = ["-r", f"__ns:={namespace_of(namespace, station)}", *(["-p", f"station:={station}"] if station else [])]
+        namespace = namespace_of(supervisor.namespace, station)
+        place = ["-r", f"__ns:={namespace}", *(["-p", f"station:={station}"] if station else [])]
+        self._supervisor = supervisor
         self._arguments = ["bow", "--ros-args", *place, "--log-file-name", "supervisor"]
         self._make = make
         self.seen = Observed(Watchdog(run_id))
@@ -216,6 +218,7 @@ class Connection:
 
     def join(self) -> None:
         """Make a node with DDS connections of its own. Earlier ones stay, idle: ending them could take long."""
+        self._supervisor.stop_copying()
         context = Context()
         rclpy.init(args=self._arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
         name = f"supervisor_{len(self._made) + 1}" if self._made else "supervisor"
@@ -249,7 +252,7 @@ class Connection:
 
 def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
     """Make a node in the graph, and watch as long as it exists."""
-    graph = Connection(supervisor.namespace, supervisor.namespace.rpartition("/")[2])
+    graph = Connection(supervisor, supervisor.namespace.rpartition("/")[2])
     try:
         graph.join()
         _watch(supervisor, graph, display, interrupts)

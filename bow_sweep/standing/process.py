@@ -24,7 +24,7 @@ from bow_sim.protocol.stations import numbered
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.exit_status import DONE, FAILED
 from bow_sweep.processes.interrupts import Interrupts
-from bow_sweep.processes.run_graph import load_compiled, load_measures, start_simulators
+from bow_sweep.processes.start_nodes import start_nodes
 from bow_sweep.processes.supervisor import GraphError, Supervisor
 from bow_sweep.run.errors import RunError
 from bow_sweep.run.lock import take
@@ -118,20 +118,9 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("stopping the processes; a few seconds") as interrupts:
         try:
-            for station in stations:
-                supervisor.start("recorder", station)
-            with interrupts.immediate():
-                load_measures()
-            if options["dashboard"]:
-                supervisor.start("dashboard")
-            with interrupts.immediate():
-                load_compiled(Sweep.from_spec("", SMALL))
-            supervisor.start("coordinator")
-            for station in stations:
-                supervisor.start("classifier", station)
-            start_simulators(supervisor, options["simulators"], stations, interrupts)
-            # Imported here because it loads ROS: a process with DDS entities must not be forked.
-            from bow_sweep.standing.watch import watch
+            small = Sweep.from_spec("", SMALL)
+            start_nodes(supervisor, small, options["simulators"], stations, options["dashboard"], interrupts)
+            from bow_sweep.standing.watch import watch  # start_nodes has loaded ROS
 
             gc.enable()
 

@@ -68,7 +68,7 @@ def watch(
     """
     apply_defaults()
     gc.freeze()  # modules stay loaded: collections need not look at them
-    connection = Connection(supervisor.namespace, NO_RUN, StandingNode)
+    connection = Connection(supervisor, NO_RUN, StandingNode)
     try:
         connection.join()
         _watch(supervisor, connection, print_line, interrupts, when_ready, when_left_out, is_over)

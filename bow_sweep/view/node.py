@@ -6,16 +6,19 @@ file of the one before it: there is one file, and nothing in it is lost.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from bow_msgs.msg import BasinMap, BridgeForce, Health, InspectedCell, Plan, Verdicts
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from bow_sim.graph.absent import absent
 from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, BowNode, StartupError
 from bow_sim.graph.node_process import exit_after, run_node
 from bow_sim.protocol import cdr
@@ -280,6 +283,10 @@ class DashboardNode(BowNode):
 
 def main() -> int:
     """Entry point of ``ros2 run bow dashboard``."""
+    with contextlib.suppress(ImportError), absent("pandas"):  # pyarrow's first array imports it, for 0.2 s
+        import pyarrow
+
+        pyarrow.array(np.zeros(1)), pyarrow.array([""])
     status = run_node(DashboardNode, description=HELP)
     exit_after(EXIT_S)
     return status

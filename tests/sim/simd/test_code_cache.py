@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -47,6 +48,23 @@ def load(place: Path) -> ModuleType:
     sys.modules["mine"] = module
     spec.loader.exec_module(module)
     return module
+
+
+IN_A_NEW_PROCESS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from mine import twice
+for value in (2, 2.5)[: int(sys.argv[2])]:
+    print(twice(value), "numba.np.linalg" in sys.modules)
+"""
+
+
+def test_stored_code_runs_without_all_that_numba_needs_to_compile(place: Path) -> None:
+    outputs = []
+    for signatures in ("1", "2"):
+        words = [sys.executable, "-c", IN_A_NEW_PROCESS, str(place / "code"), signatures]
+        outputs.append(subprocess.run(words, capture_output=True, text=True, timeout=120, check=True).stdout)
+    assert outputs == ["4 True\n", "4 False\n5.0 True\n"]
 
 
 def kept(folder: Path) -> list[Path]:

@@ -11,7 +11,7 @@ import pytest
 from bow_sim.physics.motion import regular_from
 from bow_sim.physics.parameters import Parameters
 from bow_sweep.cli import main
-from bow_sweep.cli.parser import parser
+from bow_sweep.cli.parser import ADDED_BY, parser
 
 CELL = ["--model", "delta_cremer", "--v-mid", "0.7", "--f-init-ratio", "1"]
 
@@ -29,6 +29,12 @@ def run(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]
 def commands() -> list[str]:
     actions = [action for action in parser()._actions if action.choices]
     return list(actions[0].choices or [])
+
+
+def test_each_command_is_known_with_the_module_that_adds_it() -> None:
+    assert list(ADDED_BY) == commands()
+    alone = [action.choices for action in parser("settings")._actions if action.choices]
+    assert list(alone[0] or []) == ["settings"]
 
 
 @pytest.mark.parametrize("command", commands())

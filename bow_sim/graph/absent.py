@@ -1,0 +1,33 @@
+"""Optional libraries that another library imports, though nothing here needs them."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class _Refusal:
+    """In `sys.meta_path`: what Python asks where a module is."""
+
+    names: tuple[str, ...]
+
+    def find_spec(self, name: str, _path: object = None, _target: object = None) -> None:
+        if name in self.names:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+@contextlib.contextmanager
+def absent(*names: str) -> Iterator[None]:
+    """Let imports of modules fail in this context, as if they were not installed; those that are loaded stay.
+
+    For libraries that import another one only to support it: Numba coverage.py, pyarrow pandas.
+    """
+    refusal = _Refusal(names)
+    sys.meta_path.insert(0, refusal)
+    try:
+        yield
+    finally:
+        sys.meta_path.remove(refusal)
