@@ -47,6 +47,32 @@ def files_of(pid: int, known: Container[str] = ()) -> set[str]:
     return locks | (_mapped(pid, lent) if lent else lent)
 
 
+def holders() -> dict[tuple[int, int, int], set[int]] | None:
+    """Return which processes hold a lock on a file, by major and minor number of its device and its inode.
+
+    One look for all processes and files; None where the kernel does not tell.
+    """
+    try:
+        lines = Path("/proc/locks").read_text().splitlines()
+    except OSError:
+        return None
+    found: dict[tuple[int, int, int], set[int]] = {}
+    for _, kind, _, _, pid, place, *_ in map(str.split, lines):
+        if kind == "FLOCK":  # not "->", who waits for one
+            major, minor, inode = place.split(":")
+            found.setdefault((int(major, 16), int(minor, 16), int(inode)), set()).add(int(pid))
+    return found
+
+
+def place_of(file: str) -> tuple[int, int, int] | None:
+    """Return device and inode of a file, as :func:`holders` has them; None where it is gone."""
+    try:
+        found = os.stat(file)
+    except OSError:
+        return None
+    return os.major(found.st_dev), os.minor(found.st_dev), found.st_ino
+
+
 def is_lock(file: str) -> bool:
     """Return whether a file is the lock of a segment or port."""
     return _LOCK.fullmatch(file) is not None

@@ -160,6 +160,29 @@ def test_a_new_file_belongs_to_the_process_in_its_name(tmp_path: Path) -> None:
     assert lent_by(4712).exists()
 
 
+@pytest.mark.parametrize("kernel_tells", [True, False])
+def test_a_new_lock_belongs_to_the_process_that_holds_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kernel_tells: bool
+) -> None:
+    if not kernel_tells:
+        monkeypatch.setattr(shm_files, "holders", lambda: None)
+    files = SharedFiles(tmp_path)
+    files.add(os.getpid())
+    ours, of_others = str(lock(SEGMENT)), str(lock(PORT))
+    with holding(lock(PORT)):
+        with open(ours, "w") as held:
+            files.created([lock(SEGMENT).name, lock(PORT).name])
+            files.look()
+            assert (of_others in files.unowned) is not kernel_tells  # it is not looked for any more
+            assert (ours in files.unowned) is kernel_tells  # nobody has locked it yet
+            fcntl.flock(held, fcntl.LOCK_EX)
+            files.look()
+            assert ours not in files.unowned
+        files.exited(os.getpid())
+        assert not lock(SEGMENT).exists()
+        assert lock(PORT).exists()
+
+
 def test_the_files_noted_by_a_killed_cleaner_are_removed_by_the_next_one(tmp_path: Path) -> None:
     (tmp_path / f"{NOTE}.1").write_text(f"{lock(SEGMENT)}\n{lent_by(4711)}\n")
     for file in (lock(SEGMENT), SEGMENT, lent_by(4711)):
