@@ -10,6 +10,7 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -288,12 +289,14 @@ def run_jobs(
                     )
                 job.directory.mkdir(exist_ok=True)
                 shown = dashboard.dashboard and not left_out  # one that failed once would fail again
+                check = partial(self_check, job.directory, display.print_line, whole=job.resume)
                 if graph is not None:
                     directory, resume = job.directory, job.resume
                     graph.run(job.sweep, directory, job.run_id, progress=show, resume=resume, dashboard=shown)
                     left_out += _newly_left_out(graph, owned.directory, left_out, display)
+                    problem = check()
                 else:
-                    left_out += run_graph(
+                    without, problem = run_graph(
                         job.directory,
                         job.run_id,
                         job.sweep,
@@ -305,8 +308,10 @@ def run_jobs(
                         sync=not args.no_sync,
                         lock=not args.no_lock,
                         stations=getattr(args, "stations", 1),
+                        check=check,
                     )
-                if problem := self_check(job.directory, display.print_line, whole=job.resume):
+                    left_out += without
+                if problem:
                     display.stop()
                     owned.release(*runs)
                     return fail(problem, FAILED)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -49,7 +50,8 @@ def run_graph(
     sync: bool = True,
     lock: bool = True,
     stations: int = 1,
-) -> list[Path]:
+    check: Callable[[], str] = lambda: "",
+) -> tuple[list[Path], str]:
     """Run a graph until the run in `directory` is finished.
 
     Parameters
@@ -74,11 +76,13 @@ def run_graph(
         Lock the run directory.
     stations
         Number of stations among which the simulators are divided, see :mod:`bow_sim.protocol.stations`.
+    check
+        Called when all files of the run are complete, while the processes end.
 
     Returns
     -------
-    list
-        Logs of the processes that the sweep went on without.
+    tuple
+        Logs of the processes that the sweep went on without, and what `check` returned.
 
     Raises
     ------
@@ -111,9 +115,11 @@ def run_graph(
             gc.enable()
             watch(supervisor, display, interrupts)
             finished = True
+            with interrupts.immediate():
+                problem = check()
         finally:
             killed = supervisor.stop(idle=finished)
             gc.enable()
             if killed:
                 display.print_line(f"had to kill {', '.join(child.label for child in killed)}: no answer to SIGINT")
-    return supervisor.left_out
+    return supervisor.left_out, problem

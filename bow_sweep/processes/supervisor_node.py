@@ -172,7 +172,7 @@ class SupervisorNode(BowNode):
 
 
 def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
-    """Show the progress of a graph until the coordinator has finished, and restart processes that exit.
+    """Show the progress of a graph until all files of the run are complete, and restart processes that exit.
 
     Raises
     ------
@@ -217,12 +217,21 @@ class Connection:
         self._made: list[tuple[Context, Executor, SupervisorNode]] = []
 
     def join(self) -> None:
-        """Make a node with DDS connections of its own. Earlier ones stay, idle: ending them could take long."""
+        """Make a node with DDS connections of its own. Earlier ones stay, idle: ending them could take long.
+
+        Raises
+        ------
+        GraphError
+            Where ROS cannot, for example for want of open files.
+        """
         self._supervisor.stop_copying()
         context = Context()
-        rclpy.init(args=self._arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
         name = f"supervisor_{len(self._made) + 1}" if self._made else "supervisor"
-        executor, node = EventsExecutor(context=context), self._make(name, self.seen, context)
+        try:
+            rclpy.init(args=self._arguments, context=context, signal_handler_options=SignalHandlerOptions.NO)
+            executor, node = EventsExecutor(context=context), self._make(name, self.seen, context)
+        except RuntimeError as error:  # RCLError is one; DDS raises others
+            raise GraphError(f"ROS makes no node here: {error}") from None
         executor.add_node(node)
         self._made.append((context, executor, node))
 
@@ -261,7 +270,7 @@ def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts)
 
 
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
-    """Spin until the coordinator has finished; restart processes that exit or are not heard."""
+    """Spin until all files of the run are complete; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
     seen, look_at = graph.seen, 0.0
     while True:
@@ -287,8 +296,12 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:
             supervisor.release(("simulator", "classifier"))
-            if seen.states.get("coordinator") in (Health.READY, Health.CLOSED):  # all files are complete
+            state = seen.states.get("coordinator")
+            if state in (Health.READY, Health.CLOSED):
                 supervisor.release(("recorder", "dashboard"))
+            if state == Health.READY:  # all files are complete
+                print_news(seen, display)
+                return
         if seen.failed:
             raise GraphError(seen.failed)
         if problem := supervisor.screen.problem():

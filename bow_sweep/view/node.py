@@ -243,6 +243,8 @@ class DashboardNode(BowNode):
             closed = {**self._recorders.get(message.run_id, {}), message.node: message.state in BAG_IS_READY}
             self._recorders = {message.run_id: closed}
             self._tell_of_recorder()
+            if message.state in BAG_IS_READY:
+                self._tick()  # the run may be over now, and others wait for its last picture
         self._nodes[message.node] = NodeStatus(
             message.node,
             message.role,
