@@ -1,8 +1,8 @@
-"""The processes of a graph are started, each when all is loaded that it shares with others.
+"""The start of a graph: its processes, each as soon as everything is loaded that it shares with others.
 
-They are copies of their supervisor, so what it has loaded is loaded once for all of them: ROS, the measures of a map,
-the compiled kernel. Nothing of that makes DDS entities, which must not be copied; `liblttng-ust` alone has threads, and
-those wait for a tracer.
+They are copies of their supervisor, so ROS, the measures of a map and the compiled kernel are loaded once for all of
+them. None of that makes DDS entities, which must not be copied. Of the libraries `liblttng-ust` alone starts threads,
+which only wait for a tracer; copies lack them.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AT_ONCE, BETWEEN_S = 8, 0.1
 whole core while it starts."""
 
 PACKAGES_OF_TYPES = ("bow_msgs.msg", "rcl_interfaces.msg", "rcl_interfaces.srv", "type_description_interfaces.srv")
-"""Messages and services of every node; rclpy loads each with its first publisher or server, 20 ms in all."""
+"""Messages and services of every node. rclpy loads the code of each for its first publisher or server, 20 ms in all."""
 
 
 def start_nodes(
