@@ -208,9 +208,8 @@ class Connection:
     def __init__(
         self, supervisor: Supervisor, run_id: str, make: type[SupervisorNode] = SupervisorNode, station: str = ""
     ) -> None:
-        namespace = namespace_of(supervisor.namespace, station)
+        namespace, self._supervisor = namespace_of(supervisor.namespace, station), supervisor
         place = ["-r", f"__ns:={namespace}", *(["-p", f"station:={station}"] if station else [])]
-        self._supervisor = supervisor
         self._arguments = ["bow", "--ros-args", *place, "--log-file-name", "supervisor"]
         self._make = make
         self.seen = Observed(Watchdog(run_id))
@@ -219,10 +218,7 @@ class Connection:
     def join(self) -> None:
         """Make a node with DDS connections of its own. Earlier ones stay, idle: ending them could take long.
 
-        Raises
-        ------
-        GraphError
-            Where ROS cannot, for example for want of open files.
+        Where ROS cannot, for example for want of open files, GraphError is raised.
         """
         self._supervisor.stop_copying()
         context = Context()

@@ -27,7 +27,8 @@ def test_a_module_cannot_be_imported_in_the_context_and_can_be_after_it(
 
 def test_the_dashboard_draws_without_pandas() -> None:
     code = (
-        "import sys; from bow_sweep.view import node; node.run_node = lambda *_, **__: 0; node.main();"
+        "import sys; from bow_sweep.view import node;"
+        "node.run_node = lambda *_, **__: 0; node.exit_after = lambda _: None; node.main();"
         "import rerun; rerun.AnyValues(cell=['a', 'b']); import bow_sweep.view.live_run;"
         "assert 'pyarrow' in sys.modules; assert 'pandas' not in sys.modules; import pandas"
     )
