@@ -9,8 +9,9 @@ import pytest
 import rclpy
 from bow_msgs.msg import Health
 
+from bow_sim.block_request import STREAMS
 from bow_sim.graph.node_base import STREAM, RCLError
-from bow_sim.node import MATCHED_S, STREAMS, SimulatorNode
+from bow_sim.node import MATCHED_S, SimulatorNode
 from bow_sim.protocol import cdr
 from bow_sim.simulator_events import Ignore, PlanReceived, RecreatePublishers, Report, SetState
 from tests.support.example_maps import RUN, plan
@@ -34,15 +35,17 @@ def test_publishers_that_fail_are_created_again(simulator: SimulatorNode) -> Non
         def get_subscription_count(self) -> int:
             return 0
 
-    hello = [cdr.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
-    originals = simulator._streams
-    simulator._streams = [Broken(), Broken()]  # type: ignore[list-item]
+    hello = {topic: cdr.hello(name, simulator.incarnation) for topic, name in STREAMS.items()}
+    originals = simulator._publisher_of
+    simulator._publisher_of = dict.fromkeys(STREAMS, Broken())  # type: ignore[arg-type]
     assert not simulator._publish(hello)
-    simulator._streams = originals
+    simulator._publisher_of = originals.copy()
     simulator._to_node.put(RecreatePublishers())
     simulator._carry_out()
-    assert [publisher.topic_name for publisher in simulator._streams] == ["/bow/bridge_force", "/bow/stick_slip"]
-    assert not set(originals) & set(simulator._streams)
+    assert {topic: publisher.topic_name for topic, publisher in simulator._publisher_of.items()} == {
+        topic: f"/bow/{topic}" for topic in STREAMS
+    }
+    assert not set(originals.values()) & set(simulator._publisher_of.values())
     assert simulator._publish(hello)
 
 

@@ -21,6 +21,7 @@ strangers, of other runs and epochs. It holds
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ from session_messages import (
     request,
 )
 
-from bow_sim.block_request import BlockRequest
+from bow_sim.block_request import STREAMS, BlockRequest
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import RESEND_S
@@ -67,7 +68,7 @@ from bow_sim.simulator_events import (
 )
 from bow_sim.simulator_session import NO_RUN, REFUSED, WORKING, SimulatorSession
 
-HELLO = tuple(cdr.hello(name, OWN) for name in ("BridgeForce", "StickSlip"))
+HELLO = {topic: cdr.hello(name, OWN) for topic, name in STREAMS.items()}
 
 
 class Sessions(RuleBasedStateMachine):
@@ -83,7 +84,7 @@ class Sessions(RuleBasedStateMachine):
         self.prepared: list[BlockRequest] = []
         self.published: dict[int, int] = {}  # id of a request -> chunks
         self.refused: list[tuple[int, int]] = []
-        self.unanswered: dict[tuple[int, int], tuple[tuple[bytes, ...], set[int]]] = {}
+        self.unanswered: dict[tuple[int, int], tuple[Mapping[str, bytes], set[int]]] = {}
         self.work: deque[ComputeChunk | Publish] = deque()
         self.seen: list[dict[str, Any]] = []
         self.alive = self.failed = self.readers_receive = False
