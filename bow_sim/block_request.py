@@ -151,8 +151,8 @@ def encode_chunk(
         checksums = (cdr.checksum_of(name, content) for name, content in contents.items())
         checksum = cdr.chunk_checksum(values["block"], chunk, *checksums)
         messages["verdicts"] = request.judge(values | {"chunk_checksum": checksum}, output)
-    rows = np.flatnonzero(np.isin(cells, inspected))
-    shown = tuple(_inspected_cell(request, values, row, output.bridge_force[row]) for row in rows.tolist())
+    rows = sorted(row for cell in inspected for row in np.flatnonzero(cells == cell).tolist())
+    shown = tuple(_inspected_cell(request, values, row, output.bridge_force[row]) for row in rows)
     return messages, shown
 
 
