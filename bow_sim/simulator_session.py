@@ -343,6 +343,7 @@ class SimulatorSession:
         pause = FIRST_HELLO_S if self.state == NodeState.STARTING else HELLO_S
         if self.run != NO_RUN and self._rests and now - self._last_hello >= pause:
             self._last_hello = now
+            # Streams too where it judges: whether consumers hear a simulator shows the watchdog which of them is deaf.
             hello = {topic: data for topic, data in self._hello.items() if self.judges or topic in STREAMS}
             self._publish(Publish(hello), out)
 

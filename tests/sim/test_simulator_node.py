@@ -124,7 +124,10 @@ def test_it_publishes_nothing_before_both_consumers_are_matched_or_have_had_the_
         for topic in STREAMS:
             simulator.create_subscription(TOPICS[topic][0], topic, lambda _: None, STREAM)
         deadline = time.monotonic() + 5
-        while min(p.get_subscription_count() for p in simulator._publisher_of.values()) < consumer and time.monotonic() < deadline:
+        while (
+            min(p.get_subscription_count() for p in simulator._publisher_of.values()) < consumer
+            and time.monotonic() < deadline
+        ):
             time.sleep(0.01)
         simulator._made = time.monotonic()
         assert simulator._is_matched() == (consumer == 2)
