@@ -45,8 +45,8 @@ class Judges:
 
     def _task_of(self, plan: Mapping[str, Any]) -> Task:
         """Return the task of a run; later plans of a run have the same one, but for its rounds, which are not used."""
-        task = self._task
-        if task is None or (task.outline.run_id, task.outline.sweep_id) != (plan["run_id"], plan["sweep_id"]):
+        task, wanted = self._task, (plan["run_id"], plan["sweep_id"], plan["classifier"])
+        if task is None or (task.outline.run_id, task.outline.sweep_id, task.outline.classifier) != wanted:
             task = Task.of(SweepOutline.of(plan))
             if task.objection:
                 raise ParameterError(task.objection)

@@ -126,12 +126,12 @@ def encode_chunk(
     stamp
         Of the messages, nanoseconds since 1970.
     streams
-        Whether the streams of a chunk that is judged here are wanted too.
+        Whether the streams are wanted: of a chunk that is judged here they need not be.
 
     Returns
     -------
     messages
-        Topic -> message of all cells: BridgeForce, StickSlip and, where the chunk is judged here, Verdicts.
+        Topic -> message of all cells: BridgeForce and StickSlip where they are wanted, Verdicts where it is judged.
     inspect
         An InspectedCell for each inspected cell of the block.
     """
@@ -145,13 +145,13 @@ def encode_chunk(
         "StickSlip": values | {name: getattr(output, name) for name in cdr.INTERVAL_FIELDS},
     }
     messages: dict[str, bytes] = {}
-    if streams or request.judge is None:
+    if streams:
         messages = {topic: cdr.encode(name, contents[name]) for topic, name in STREAMS.items()}
     if request.judge is not None:
         checksums = (cdr.checksum_of(name, content) for name, content in contents.items())
         checksum = cdr.chunk_checksum(values["block"], chunk, *checksums)
         messages["verdicts"] = request.judge(values | {"chunk_checksum": checksum}, output)
-    rows = sorted(row for cell in inspected for row in np.flatnonzero(cells == cell).tolist())
+    rows = sorted({row for cell in inspected for row in np.flatnonzero(cells == cell).tolist()})
     shown = tuple(_inspected_cell(request, values, row, output.bridge_force[row]) for row in rows)
     return messages, shown
 

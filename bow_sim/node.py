@@ -268,16 +268,17 @@ class SimulatorNode(BowNode):
         request, chunk = instruction.request, instruction.chunk
         try:
             output = request.block.advance()
-            about = (self.incarnation, self._inspected, time.time_ns(), self._others_listen())
+            streams = request.judge is None or self._others_listen()
+            about = (self.incarnation, self._inspected, time.time_ns(), streams)
             return ChunkComputed(*encode_chunk(request, chunk, output, *about))
         except Exception as error:
             return ChunkFailed(request, repr(error))
 
     def _others_listen(self) -> bool:
         """Whether a stream has more subscribers than recorder and classifier, as far as the middleware knows."""
-        with self._publishing:
-            counts = [self._publisher_of[topic].get_subscription_count() for topic in STREAMS]
-        return max(counts) > len(CONSUMERS)
+        with self._publishing, contextlib.suppress(RCLError):  # while the process ends
+            return max(self._publisher_of[topic].get_subscription_count() for topic in STREAMS) > len(CONSUMERS)
+        return False
 
     def _publish(self, messages: Mapping[str, bytes]) -> bool:
         """Publish a message on each topic; return whether the middleware took them."""
@@ -285,8 +286,9 @@ class SimulatorNode(BowNode):
         try:
             with self._publishing:
                 for topic, message in messages.items():
-                    self._publisher_of[topic].publish(message)
-                    self.health.bytes += len(message)
+                    if topic in self._publisher_of:  # that of verdicts may be missing for the first hello of a run
+                        self._publisher_of[topic].publish(message)
+                        self.health.bytes += len(message)
         except RCLError as error:  # a subscriber hangs or is just ending; unanswered chunks are sent again
             self.get_logger().warning(f"a chunk is not published: {error}", throttle_duration_sec=5.0)
             return False

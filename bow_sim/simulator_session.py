@@ -177,6 +177,7 @@ class SimulatorSession:
         if is_new:
             self.run, self.epoch = run, 0
             self._window.drop()
+            self.judges = False
             with contextlib.suppress(ParameterError):  # then its blocks are refused
                 self.judges = judged_at_source(record_of(split(plan["spec.settings"]).record))
         self._enter_epoch(plan["epoch"])
