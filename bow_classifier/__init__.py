@@ -7,8 +7,10 @@ chunk_pass         all features and the decision for the cells of a block, in on
 block_classifier   the chunks of one block, one after another
 task               what the classifier needs to know of a sweep
 stream             stream messages in, verdict messages out, for all blocks of a sweep
+at_source          judges blocks where they are computed
 precompile         compiles the pass and caches the code
 node               the classifier node
+simulator          the simulator node, with what judges its blocks
 measured_node      the node of a measured string, in the process of the classifier
 
 Public names, imported when they are first used:

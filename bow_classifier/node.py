@@ -33,7 +33,8 @@ come with the plan, which the coordinator latches. Set them where the sweep is d
     bow sweep fig11d --set classifier.correlation=0.93
 and judge a recorded sweep again with others by `bow replay`.
 
-listens to   plan, bridge_force, stick_slip      every sample, nothing left out
+listens to   plan, bridge_force, stick_slip      every sample, nothing left out; with record=verdicts the simulators
+                                                 judge what they compute, and this node has nothing to do
 publishes    verdicts                            per chunk and cell: correlation, period, slips, corners, regime
              health                              once a second: READY when a sweep is open and is heard
 
@@ -142,6 +143,9 @@ class ClassifierNode(BowNode):
         if sender:
             self.heard(TOPICS[name], sender)
             return
+        task = self._classifier.task
+        if task is not None and task.outline.judged_at_source:
+            return  # it is there for somebody else
         self._outbox.send(self._classifier.take(name, data))
         for kind, sender in self._classifier.senders:
             self.heard(TOPICS[kind], sender)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_classifier.block_classifier import BlockClassifier
+from bow_classifier.block_classifier import BlockClassifier, Verdicts
 from bow_classifier.features.slips import Intervals
 from bow_classifier.task import Task
 from bow_sim.physics.errors import ParameterError
@@ -138,10 +138,8 @@ class Classifier:
             self.open(None)
             try:
                 task = Task.of(SweepOutline.of(plan))
-                if task.thresholds.hash != plan["classifier"]:
-                    self.problem = f"the plan wants classifier {plan['classifier']}, this is {task.thresholds.hash}"
-                else:
-                    self.task = task
+                self.problem = task.objection
+                self.task = None if self.problem else task
             except ParameterError as error:
                 self.problem = str(error)
         elif self.task is not None and len(plan["rounds"]):
@@ -186,7 +184,7 @@ class Classifier:
 
     def _new_block(self, block: int) -> _Block:
         assert self.task is not None
-        return _Block(self.task.block_classifier(block))
+        return _Block(self.task.block_classifier(self.task.outline.block(block)))
 
     def _check(self, name: str, data: cdr.Buffer) -> dict[str, Any]:
         """Return the fields of a message of the sweep in progress.
@@ -246,7 +244,7 @@ class Classifier:
             except ValueError as error:  # this message is wrong; another attempt may send a right one
                 self.complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
                 break
-            answer = self._answer(number, block.next, force, slip, verdicts._asdict())
+            answer = self._answer(number, block.next, force, slip, verdicts)
             del block.waiting[FORCE][block.next]
             block.answers.append(answer)
             self.counts.judged += 1
@@ -256,24 +254,19 @@ class Classifier:
         return out
 
     def _answer(
-        self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], verdicts: Mapping[str, Any]
+        self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], verdicts: Verdicts
     ) -> _Answer:
         assert self.task is not None
-        outline = self.task.outline
         checksums = {FORCE: force["checksum"], SLIP: slip["checksum"]}
-        values = {
-            "header.stamp": force["stamp"],
-            "run_id": outline.run_id,
-            "sweep_id": outline.sweep_id,
+        about = {
+            "stamp": force["stamp"],
             "block": block,
             "chunk": chunk,
             "incarnation": self.incarnation,
             "chunk_checksum": cdr.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
-            "classifier": self.task.thresholds.hash,
-            "cells": outline.block(block),
-            **verdicts,
+            "cells": self.task.outline.block(block),
         }
-        return _Answer(checksums, values)
+        return _Answer(checksums, self.task.verdicts_fields(about, verdicts))
 
 
 def _verdicts(answer: _Answer, attempt: int) -> bytes:

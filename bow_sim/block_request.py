@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,13 @@ from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
 from bow_sim.protocol.sweep_spec import Axis, split
 
+STREAMS = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip"}
+"""Topic -> message, of the two messages of a chunk."""
+
+Judge = Callable[[Mapping[str, Any], ChunkResult], bytes]
+"""Judges the chunks of one block, in their order: takes the fields that the stream messages of a chunk share with its
+Verdicts, and the chunk; returns the Verdicts as CDR bytes. ``chunk_checksum`` is among the fields."""
+
 
 @dataclass(eq=False)
 class BlockRequest:
@@ -33,11 +40,14 @@ class BlockRequest:
         The kernel's block, at the beginning of its first chunk.
     record
         Which of its streams are recorded, see :mod:`bow_sim.protocol.recording`.
+    judge
+        Judges its chunks where they are computed; None: the classifier judges them.
     """
 
     message: Mapping[str, Any]
     block: Block
     record: str = DEFAULT
+    judge: Judge | None = None
 
     @property
     def key(self) -> tuple[int, int]:
@@ -93,9 +103,15 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
 
 
 def encode_chunk(
-    request: BlockRequest, chunk: int, output: ChunkResult, incarnation: str, inspected: Sequence[int], stamp: int = 0
-) -> tuple[tuple[bytes, bytes], tuple[bytes, ...]]:
-    """Return the stream messages of a chunk as CDR bytes.
+    request: BlockRequest,
+    chunk: int,
+    output: ChunkResult,
+    incarnation: str,
+    inspected: Sequence[int],
+    stamp: int = 0,
+    streams: bool = True,
+) -> tuple[dict[str, bytes], tuple[bytes, ...]]:
+    """Return the messages of a chunk as CDR bytes. It is judged here if its block has a judge.
 
     Parameters
     ----------
@@ -109,11 +125,13 @@ def encode_chunk(
         Cells whose bridge force also goes out on `inspect`.
     stamp
         Of the messages, nanoseconds since 1970.
+    streams
+        Whether the streams are wanted: of a chunk that is judged here they need not be.
 
     Returns
     -------
     messages
-        BridgeForce and StickSlip of all cells.
+        Topic -> message of all cells: BridgeForce and StickSlip where they are wanted, Verdicts where it is judged.
     inspect
         An InspectedCell for each inspected cell of the block.
     """
@@ -122,12 +140,19 @@ def encode_chunk(
     cells = np.array(request.message["cells"], dtype=np.uint32)
     values |= {"chunk": chunk, "incarnation": incarnation, "cells": cells, "checksum": 0}
     values |= {"samples": samples, "first_sample": chunk * samples, "stamp": stamp, "header.stamp": stamp}
-    messages = (
-        cdr.encode("BridgeForce", values | {"data": output.bridge_force}),
-        cdr.encode("StickSlip", values | {name: getattr(output, name) for name in cdr.INTERVAL_FIELDS}),
-    )
-    rows = np.flatnonzero(np.isin(cells, inspected))
-    shown = tuple(_inspected_cell(request, values, row, output.bridge_force[row]) for row in rows.tolist())
+    contents: dict[str, dict[str, Any]] = {
+        "BridgeForce": values | {"data": output.bridge_force},
+        "StickSlip": values | {name: getattr(output, name) for name in cdr.INTERVAL_FIELDS},
+    }
+    messages: dict[str, bytes] = {}
+    if streams:
+        messages = {topic: cdr.encode(name, contents[name]) for topic, name in STREAMS.items()}
+    if request.judge is not None:
+        checksums = (cdr.checksum_of(name, content) for name, content in contents.items())
+        checksum = cdr.chunk_checksum(values["block"], chunk, *checksums)
+        messages["verdicts"] = request.judge(values | {"chunk_checksum": checksum}, output)
+    rows = sorted({row for cell in inspected for row in np.flatnonzero(cells == cell).tolist()})
+    shown = tuple(_inspected_cell(request, values, row, output.bridge_force[row]) for row in rows)
     return messages, shown
 
 

@@ -1,5 +1,8 @@
 """The simulator node: takes blocks, runs the kernel, publishes bridge force and stick/slip at full rate.
 
+Of a sweep that records no streams it publishes verdicts instead, if it is given what judges a block; the streams then
+go out only while somebody else than recorder and classifier listens.
+
 What it knows and decides is in :class:`bow_sim.simulator_session.SimulatorSession`; here are parameters, topics, health
 and the thread that computes and publishes.
 """
@@ -10,19 +13,20 @@ import contextlib
 import queue
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
-from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip
+from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip, Verdicts
 from rclpy.publisher import Publisher
 
-from bow_sim.block_request import encode_chunk, fingerprint_of
+from bow_sim.block_request import STREAMS, BlockRequest, Judge, encode_chunk, fingerprint_of, prepare
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
-from bow_sim.graph.node_process import run_node
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD, spread_over
 from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, Neighbour
+from bow_sim.protocol.recording import judged_at_source
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.simulator_events import (
     BlockReceived,
@@ -62,16 +66,33 @@ MATCHED_S = 1.0
 DDS may wait for ever for what a reader acknowledges that was matched between two messages (data sharing), see
 `simulator_session.FAILURES`."""
 
-STREAMS = {"bridge_force": BridgeForce, "stick_slip": StickSlip}
+TOPICS = {
+    "bridge_force": (BridgeForce, STREAM_WRITER),
+    "stick_slip": (StickSlip, STREAM_WRITER),
+    "verdicts": (Verdicts, STREAM),
+}
+"""Topic -> type and quality of service, of what a simulator may publish of a chunk."""
 
 READERS = tuple((topic, role) for role in CONSUMERS for topic in STREAMS)
 """Pairs of topic and the role that has to receive it."""
 
+VERDICTS_READERS = (("verdicts", "recorder"), ("verdicts", "coordinator"))
+"""The same, where this node judges what it computes."""
+
+JudgeOf = Callable[[Mapping[str, Any], Sequence[int]], Judge]
+"""Takes a decoded Plan and the cells of a block; returns what judges the block. Raises ValueError where it cannot."""
+
 
 class SimulatorNode(BowNode):
-    """One simulator of the pool."""
+    """One simulator of the pool.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    judge_of
+        Returns what judges a block; None: the blocks of sweeps that record no streams are refused.
+    """
+
+    def __init__(self, judge_of: JudgeOf | None = None) -> None:
         super().__init__("simulator", f"simulator_{random_id()[:8]}")  # unique on all machines
         credit = self.read_parameter(
             "credit", LIMIT, "chunks under way at most that are not both receipted and judged", between=(1, LIMIT)
@@ -84,16 +105,20 @@ class SimulatorNode(BowNode):
         self._inspected: Sequence[int] = inspected or ()
         self._spread = list(self._inspected) == [SPREAD]
         self._spread_for = ""  # run that the cells are of
-        self._session = SimulatorSession(self.incarnation, fingerprint_of, self.works_for, credit, now=self.awake.now())
+        self._session = SimulatorSession(
+            self.incarnation, fingerprint_of, self.works_for, credit, self._prepare, self.awake.now()
+        )
+        self._judge_of = judge_of
+        self._plan: Mapping[str, Any] = {}
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
         self._leaving = threading.Event()
         self._chunks = 0  # published, not counting repetitions
 
-        self._publishing = threading.Lock()  # of the publishers of the streams
-        self._streams: list[Publisher] = []
-        self._create_publishers()
+        self._publishing = threading.Lock()  # of the publishers
+        self._publisher_of: dict[str, Publisher] = {}
+        self._create_publishers(STREAMS)
         self._inspect = self.create_publisher(InspectedCell, self.topic("inspect"), INSPECT)
         self.subscribe_plan(lambda plan, _: self._on_plan(PlanReceived(plan)))
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
@@ -122,8 +147,20 @@ class SimulatorNode(BowNode):
             self._spread_for = event.plan["run_id"]
             with contextlib.suppress(ParameterError):  # the session says what is wrong with it
                 self._inspected = spread_over(SweepOutline.of(event.plan))
+        self._plan = event.plan
         self._handle(event)
+        if self._session.judges and "verdicts" not in self._publisher_of:
+            self._create_publishers(["verdicts"])
         self._check_readers()
+
+    def _prepare(self, message: Mapping[str, Any]) -> BlockRequest:
+        """Return the request for a block, with a judge where it is to be judged here; ValueError if it cannot be."""
+        request = prepare(message)
+        if judged_at_source(request.record):
+            if self._judge_of is None:
+                raise ValueError("this simulator cannot judge blocks")
+            request.judge = self._judge_of(self._plan, message["cells"])
+        return request
 
     def _on_receipt(self, data: bytes) -> None:
         receipt = self.decode("Receipt", data)
@@ -141,7 +178,7 @@ class SimulatorNode(BowNode):
         run = self._session.run
         if run != NO_RUN:
             now = self.awake.now()
-            missing = self.missing_readers(READERS, run[0])
+            missing = self.missing_readers(VERDICTS_READERS if self._session.judges else READERS, run[0])
             if self.health.state == Health.STARTING and not self.works_for(self.authority.owner, run[0]):
                 missing.append("the coordinator's answer")  # without it blocks are ignored
             alive = all(self.neighbours.of_role(role, now, run[0]) for role in CONSUMERS)
@@ -173,7 +210,7 @@ class SimulatorNode(BowNode):
                     case Report() as report:
                         self._report(report)
                     case RecreatePublishers():
-                        self._create_publishers()
+                        self._create_publishers(list(self._publisher_of))
                     case Ignore(why):
                         self.ignore(why)
                     case Log(text, severe=True):
@@ -189,19 +226,21 @@ class SimulatorNode(BowNode):
         health.refused_blocks, health.refused_attempts = ([key[part] for key in report.refused] for part in (0, 1))
         self.publish_health()
 
-    def _create_publishers(self) -> None:
+    def _create_publishers(self, topics: Iterable[str]) -> None:
         with self._publishing:
-            for publisher in self._streams:
-                self.destroy_publisher(publisher)
-            self._streams = [self.create_publisher(kind, topic, STREAM_WRITER) for topic, kind in STREAMS.items()]
+            for topic in topics:
+                if topic in self._publisher_of:
+                    self.destroy_publisher(self._publisher_of[topic])
+                kind, qos = TOPICS[topic]
+                self._publisher_of[topic] = self.create_publisher(kind, topic, qos)
             self._made = time.monotonic()
 
     def _is_matched(self) -> bool:
-        """Return whether the middleware has found both consumers, or has had the time for it."""
+        """Return whether the middleware has found both readers of each topic, or has had the time for it."""
         if time.monotonic() - self._made > MATCHED_S:
             return True
         with self._publishing, contextlib.suppress(RCLError):  # while the process ends
-            return min(publisher.get_subscription_count() for publisher in self._streams) >= len(CONSUMERS)
+            return min(each.get_subscription_count() for each in self._publisher_of.values()) >= len(CONSUMERS)
         return False
 
     # ---- the worker's thread
@@ -229,19 +268,27 @@ class SimulatorNode(BowNode):
         request, chunk = instruction.request, instruction.chunk
         try:
             output = request.block.advance()
-            stamp = time.time_ns()
-            return ChunkComputed(*encode_chunk(request, chunk, output, self.incarnation, self._inspected, stamp))
+            streams = request.judge is None or self._others_listen()
+            about = (self.incarnation, self._inspected, time.time_ns(), streams)
+            return ChunkComputed(*encode_chunk(request, chunk, output, *about))
         except Exception as error:
             return ChunkFailed(request, repr(error))
 
-    def _publish(self, messages: Sequence[bytes]) -> bool:
-        """Publish one message on each stream; return whether the middleware took them."""
+    def _others_listen(self) -> bool:
+        """Whether a stream has more subscribers than recorder and classifier, as far as the middleware knows."""
+        with self._publishing, contextlib.suppress(RCLError):  # while the process ends
+            return max(self._publisher_of[topic].get_subscription_count() for topic in STREAMS) > len(CONSUMERS)
+        return False
+
+    def _publish(self, messages: Mapping[str, bytes]) -> bool:
+        """Publish a message on each topic; return whether the middleware took them."""
         self.health.messages += len(messages)
         try:
             with self._publishing:
-                for publisher, message in zip(self._streams, messages, strict=True):
-                    publisher.publish(message)
-                    self.health.bytes += len(message)
+                for topic, message in messages.items():
+                    if topic in self._publisher_of:  # that of verdicts may be missing for the first hello of a run
+                        self._publisher_of[topic].publish(message)
+                        self.health.bytes += len(message)
         except RCLError as error:  # a subscriber hangs or is just ending; unanswered chunks are sent again
             self.get_logger().warning(f"a chunk is not published: {error}", throttle_duration_sec=5.0)
             return False
@@ -252,12 +299,3 @@ class SimulatorNode(BowNode):
         self._leaving.set()
         self._to_worker.put(None)
         self._worker.join(5.0)
-
-
-def main() -> int:
-    """Entry point of ``ros2 run bow simulator``."""
-    return run_node(SimulatorNode, description=HELP)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -9,6 +9,9 @@ from typing import Any
 from bow_sim.block_request import BlockRequest
 from bow_sim.protocol.states import NodeState
 
+Messages = Mapping[str, bytes]
+"""Topic -> the message to publish on it: bridge_force and stick_slip of a chunk, its verdicts, or all three."""
+
 # ---- events: what the others send
 
 
@@ -50,8 +53,7 @@ class ReadersChecked:
 class ChunkComputed:
     """The chunk of the last :class:`ComputeChunk`, encoded."""
 
-    messages: tuple[bytes, ...]
-    """BridgeForce and StickSlip."""
+    messages: Messages
     inspect: tuple[bytes, ...] = ()
     """InspectedCell of each inspected cell of the block."""
 
@@ -102,9 +104,9 @@ class ComputeChunk:
 
 @dataclass(frozen=True)
 class Publish:
-    """Publish one message on each of the two streams; answered by Published."""
+    """Publish a message on each of some topics; answered by Published."""
 
-    messages: tuple[bytes, ...]
+    messages: Messages
     inspect: tuple[bytes, ...] = ()
     of: BlockRequest | None = None
     """The block, where its next chunk is published for the first time."""
@@ -138,7 +140,7 @@ class Report:
 
 @dataclass(frozen=True)
 class RecreatePublishers:
-    """Destroy the publishers of the streams and create new ones: DDS does not release a reader that has gone."""
+    """Destroy the publishers of chunks and create new ones: DDS does not release a reader that has gone."""
 
 
 @dataclass(frozen=True)

@@ -10,19 +10,23 @@ be computed or has become *void*: it is of another run or an older epoch, or it 
 
 from __future__ import annotations
 
+import contextlib
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from bow_sim.block_request import BlockRequest
+from bow_sim.block_request import STREAMS, BlockRequest
 from bow_sim.block_request import prepare as prepare_request
 from bow_sim.kernel.fingerprint import difference
+from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, Window
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, UNCONFIRMED_S
+from bow_sim.protocol.recording import judged_at_source, record_of
 from bow_sim.protocol.states import BlockState, NodeState, PlanState, ReceiptKind
+from bow_sim.protocol.sweep_spec import split
 from bow_sim.simulator_events import (
     BlockReceived,
     ChunkComputed,
@@ -56,6 +60,9 @@ never again (its issues 6134, 6361)."""
 
 NO_RUN = ("", "")
 
+VERDICTS = {"verdicts": "Verdicts"}
+"""What a simulator that judges its chunks publishes instead of `STREAMS`."""
+
 WORKING = (NodeState.READY, NodeState.BUSY)
 
 
@@ -82,6 +89,8 @@ class SimulatorSession:
     ----------
     run
         run_id and sweep_id of the run in progress; empty if there is none.
+    judges
+        Whether simulators of this run judge their chunks, see :mod:`bow_sim.protocol.recording`.
     state, detail
         As in the next heartbeat.
     """
@@ -97,6 +106,7 @@ class SimulatorSession:
     ) -> None:
         self.incarnation = incarnation
         self.run = NO_RUN
+        self.judges = False
         self.epoch = 0
         self.state, self.detail, self._stated_run = NodeState.STARTING, "", ""
         self._fingerprint, self._works_for, self._prepare = fingerprint, works_for, prepare
@@ -112,7 +122,7 @@ class SimulatorSession:
         self._consumers_alive = False
         self._publishers_fail, self._failures = False, 0  # since they were created; in a row
         self._publishers_since, self._last_hello, self._recreated = now, float("-inf"), float("-inf")
-        self._hello = tuple(cdr.hello(name, incarnation) for name in ("BridgeForce", "StickSlip"))
+        self._hello = {topic: cdr.hello(name, incarnation) for topic, name in (STREAMS | VERDICTS).items()}
 
     # ---- reading
 
@@ -167,6 +177,9 @@ class SimulatorSession:
         if is_new:
             self.run, self.epoch = run, 0
             self._window.drop()
+            self.judges = False
+            with contextlib.suppress(ParameterError):  # then its blocks are refused
+                self.judges = judged_at_source(record_of(split(plan["spec.settings"]).record))
         self._enter_epoch(plan["epoch"])
         self._settled = frozenset(np.flatnonzero(plan["block_states"] != BlockState.OUTSTANDING).tolist())
         self._window.drop(self._settled)
@@ -250,14 +263,14 @@ class SimulatorSession:
     # ---- readiness
 
     def _check_readers(self, missing: tuple[str, ...], now: float, out: list[Instruction]) -> None:
-        """Be ready as long as the consumers of this run receive the streams."""
+        """Be ready as long as the consumers of this run receive what this simulator publishes."""
         if self.run == NO_RUN:
             return
         unheard = missing and self._publishers_fail and now - self._publishers_since > UNCONFIRMED_S
         if unheard or (self._failures >= FAILURES and now - self._recreated > UNCONFIRMED_S):
             self._publishers_fail, self._failures = False, 0
             self._publishers_since = self._recreated = now
-            out.append(Log("the streams cannot be published: their publishers are created again"))
+            out.append(Log("chunks cannot be published: their publishers are created again"))
             out.append(RecreatePublishers())
         if missing:
             self._set_state(NodeState.STARTING, f"waiting: {', '.join(missing)}", out)
@@ -331,7 +344,9 @@ class SimulatorSession:
         pause = FIRST_HELLO_S if self.state == NodeState.STARTING else HELLO_S
         if self.run != NO_RUN and self._rests and now - self._last_hello >= pause:
             self._last_hello = now
-            self._publish(Publish(self._hello), out)
+            # Streams too where it judges: whether consumers hear a simulator shows the watchdog which of them is deaf.
+            hello = {topic: data for topic, data in self._hello.items() if self.judges or topic in STREAMS}
+            self._publish(Publish(hello), out)
 
     @property
     def _rests(self) -> bool:

@@ -21,6 +21,7 @@ IMPURE = {
     "bow_sim.graph.inbox": {"rclpy"},
     "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
+    "bow_classifier.simulator": {"rclpy", "bow_msgs"},
     "bow_classifier.measured_node": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.cell_chooser": {"rclpy", "bow_msgs"},
     "bow_sweep.coordinator.standard_messages": {"rclpy", "bow_msgs"},

@@ -226,8 +226,8 @@ class Session:
     def _send(self, run: _Run, now: float, recorder: bool, stamp: int) -> None:
         if not recorder:
             run.recorder = False
-        for messages in run.window.overdue(now):
-            self._publish(messages)
+        for unanswered in run.window.overdue(now):
+            self._publish(unanswered)
         while run.pieces and not run.window.full and run.sent < run.longest:
             messages = self._messages(run, run.pieces.popleft(), stamp)
             run.window.sent((0, run.sent), messages, now)
@@ -289,7 +289,7 @@ class Session:
         }
         self.out.append(Out("plan", cdr.encode("Plan", values)))
 
-    def _messages(self, run: _Run, piece: Piece, stamp: int) -> tuple[bytes, bytes]:
+    def _messages(self, run: _Run, piece: Piece, stamp: int) -> dict[str, bytes]:
         chunk, samples = run.sent, run.tuning.samples
         identity = {"run_id": run.run_id, "sweep_id": run.sweep_id, "block": 0, "chunk": chunk, "attempt": 1}
         common = {**identity, "incarnation": self._incarnation, "cells": (0,), "samples": samples}
@@ -297,10 +297,11 @@ class Session:
         slips = piece.slips._asdict()
         if not chunk:
             slips["slipping"] = np.zeros(1, np.uint8)  # what was before the run is not known to its readers
-        return cdr.encode("BridgeForce", {**common, "data": piece.force}), cdr.encode("StickSlip", {**common, **slips})
+        force = cdr.encode("BridgeForce", {**common, "data": piece.force})
+        return {"bridge_force": force, "stick_slip": cdr.encode("StickSlip", {**common, **slips})}
 
-    def _publish(self, messages: tuple[bytes, ...]) -> None:
-        self.out.extend(Out(topic, data) for topic, data in zip(("bridge_force", "stick_slip"), messages, strict=True))
+    def _publish(self, messages: Mapping[str, bytes]) -> None:
+        self.out.extend(Out(topic, data) for topic, data in messages.items())
 
 
 def settings_of(string: Parameters, thresholds: Thresholds) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xxhash
 
+from bow_sim.protocol.intervals import intervals_objection
 from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, TIME, UNSTAMPED, is_sealed
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
@@ -34,6 +35,7 @@ __all__ = [
     "Buffer",
     "Identity",
     "WireError",
+    "checksum_of",
     "chunk_checksum",
     "decode",
     "decode_head",
@@ -185,8 +187,18 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
     WireError
         If a value is too long for its field.
     """
+    return b"".join(_pieces(name, values)[0])
+
+
+def checksum_of(name: str, values: Mapping[str, Any]) -> int:
+    """Return the checksum of sealed message `name`, whose bytes need not be put together for it; see :func:`encode`."""
+    return _pieces(name, values)[1]
+
+
+def _pieces(name: str, values: Mapping[str, Any]) -> tuple[list[bytes | memoryview], int]:
+    """Return the bytes of a message, in pieces that share the memory of its arrays, and its checksum, 0 for none."""
     head, tail = _Writer(), _Writer()
-    writer = head
+    writer, checksum = head, 0
     seals = is_sealed(name)
     for field in _LAYOUT[name]:
         if seals and field.name == "checksum":
@@ -197,8 +209,9 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
         digest = xxhash.xxh3_64(seed=_place(int(values["block"]), int(values["chunk"])))
         for part in tail.parts:
             digest.update(part)
-        head.raw(struct.pack("<Q", digest.intdigest()), 8)
-    return b"".join([ENCAPSULATION, *head.parts, *tail.parts])
+        checksum = digest.intdigest()
+        head.raw(struct.pack("<Q", checksum), 8)
+    return [ENCAPSULATION, *head.parts, *tail.parts], checksum
 
 
 def decode(name: str, data: Buffer) -> dict[str, Any]:
@@ -368,7 +381,8 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
     elif name == "BridgeForce":
         lengths = {"data": cells * values["samples"]}
     elif name == "StickSlip":
-        _check_intervals(values)
+        if reason := intervals_objection(values):
+            raise WireError(f"StickSlip{reason}")
         lengths = {"slipping": cells, "offsets": cells + 1}
     elif name == "Verdicts":
         lengths = dict.fromkeys(VERDICT_FIELDS, cells)
@@ -376,25 +390,3 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
         if len(values[field]) != length:
             raise WireError(f"{name}.{field}: {len(values[field])} values for {cells} cells, should be {length}")
     return values
-
-
-def _check_intervals(values: Mapping[str, Any]) -> None:
-    """Raise WireError if the slip intervals of a chunk are not in order, separate, and within the chunk."""
-    offsets, onset, duration = (values[name].astype(np.int64) for name in ("offsets", "onset", "duration"))
-    count = len(onset)
-    if len(duration) != count or len(values["slip"]) != count:
-        raise WireError(
-            f"StickSlip: {count} onsets, {len(duration)} durations, {len(values['slip'])} slips; should be equal"
-        )
-    if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or (offsets[1:] < offsets[:-1]).any():
-        raise WireError(f"StickSlip.offsets: should rise from 0 to {count}, the number of intervals")
-    if not count:
-        return
-    ends = onset + duration
-    if duration.min() < 1 or ends.max() > values["samples"]:
-        raise WireError(f"StickSlip: an interval is empty or reaches past the chunk's {values['samples']} samples")
-    apart = onset[1:] > ends[:-1]
-    first = offsets[(offsets > 0) & (offsets < count)]  # of its cell: free to begin before the cell above ends
-    apart[first - 1] = True
-    if not apart.all():
-        raise WireError("StickSlip: the intervals of a cell should come in order, at least one sample apart")

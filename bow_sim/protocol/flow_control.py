@@ -3,12 +3,12 @@
 A chunk is answered when the recorder has receipted it and the classifier has judged it. At most `LIMIT` chunks are
 under way, and none begins while `LIMIT_BYTES` are. A DDS acknowledgement does not count, because it does not show that
 the chunk was written and judged. A chunk whose streams are not recorded needs no receipt for them: it is answered when
-its verdicts are. Unanswered chunks are sent again; both consumers answer a duplicate like the first.
+its verdicts are, whoever judged it. What is unanswered is sent again; consumers answer a duplicate like the first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 LIMIT = 16
@@ -26,13 +26,13 @@ Key = tuple[int, int]
 
 @dataclass
 class _Sent:
-    messages: tuple[bytes, ...]
+    messages: Mapping[str, bytes]
     receipted: bool = False
     judged: bool = False
 
     @property
     def size(self) -> int:
-        return sum(map(len, self.messages))
+        return sum(map(len, self.messages.values()))
 
 
 class Window:
@@ -57,10 +57,10 @@ class Window:
         """Whether the next chunk has to wait."""
         return len(self._sent) >= self.limit or sum(entry.size for entry in self._sent.values()) >= LIMIT_BYTES
 
-    def sent(self, key: Key, messages: Iterable[bytes], now: float, recorded: bool = True) -> None:
-        """Note that a chunk is published at `now` (seconds); `recorded`: the recorder stores its streams."""
+    def sent(self, key: Key, messages: Mapping[str, bytes], now: float, recorded: bool = True) -> None:
+        """Note that a chunk is published at `now` (seconds), by topic; `recorded`: its streams are stored."""
         self._quiet_since.setdefault(key[0], now)
-        self._sent[key] = _Sent(tuple(messages), receipted=not recorded)
+        self._sent[key] = _Sent(messages, receipted=not recorded)
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
         """Note an answer; return whether the chunk is now answered by both consumers."""
@@ -83,7 +83,7 @@ class Window:
         self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
         self._quiet_since = {key[0]: self._quiet_since[key[0]] for key in self._sent}
 
-    def overdue(self, now: float) -> list[tuple[bytes, ...]]:
+    def overdue(self, now: float) -> list[Mapping[str, bytes]]:
         """Return the messages to publish again, in order: all of each block without answers for `RESEND_S`."""
         quiet = {block for block, since in self._quiet_since.items() if now - since >= RESEND_S}
         self._quiet_since.update(dict.fromkeys(quiet, now))

@@ -1,6 +1,7 @@
 """Which chunks of a sweep have their streams recorded: the setting ``record``. Verdicts are recorded always.
 
 What is not recorded can be computed again to the last bit, and a verdict states the checksum of the streams it judged.
+Where none is recorded, each simulator judges what it computes, and nobody needs the streams.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ def record_of(value: object) -> str:
     if str(value) not in RECORD:
         raise ParameterError(f"record = {value!r}: should be one of {', '.join(RECORD)}")
     return str(value)
+
+
+def judged_at_source(record: str) -> bool:
+    """Return whether simulators judge their chunks themselves and publish the verdicts instead of the streams."""
+    return record == "verdicts"
 
 
 def recorded_chunks(record: str, chunks: int) -> range:

@@ -21,7 +21,7 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.blocks import Blocks
 from bow_sim.protocol.limits import check_size
 from bow_sim.protocol.measured import is_measured
-from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
+from bow_sim.protocol.recording import DEFAULT, judged_at_source, record_of, recorded_chunks
 from bow_sim.protocol.repeats import NO_REPEATS, Repeats
 from bow_sim.protocol.sweep_spec import Axis, axis_values, check_plane, kinds_of_cells, split
 
@@ -168,6 +168,11 @@ class SweepOutline:
     def recorded_chunks(self) -> range:
         """The chunks of every block whose streams are recorded."""
         return recorded_chunks(self.record, self.chunks)
+
+    @property
+    def judged_at_source(self) -> bool:
+        """Whether the simulators judge the chunks, and not the classifier."""
+        return judged_at_source(self.record)
 
     @property
     def chunk_samples(self) -> int:

@@ -103,4 +103,4 @@ def _messages(plane: Plane, identity: Mapping[str, Any]) -> Iterator[tuple[bytes
     request = BlockRequest({**identity, "attempt": 0}, block)
     for chunk in range(request.chunks):
         messages, _ = encode_chunk(request, chunk, block.advance(), "", ())
-        yield messages
+        yield messages["bridge_force"], messages["stick_slip"]

@@ -7,7 +7,7 @@ import sys
 
 MODULES = {
     "coordinator": "bow_sweep.coordinator.node",
-    "simulator": "bow_sim.node",
+    "simulator": "bow_classifier.simulator",
     "classifier": "bow_classifier.node",
     "recorder": "bow_sweep.record.node",
     "dashboard": "bow_sweep.view.node",

@@ -8,7 +8,7 @@ when all of it is on the disk. A recorder that is started again continues the ba
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,9 @@ from typing import Any
 from bow_msgs.msg import Health, Receipt
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 
+from bow_sim.graph.inbox import Inbox
 from bow_sim.graph.node_base import STREAM, BowNode
 from bow_sim.graph.node_process import run_node
 from bow_sim.graph.outbox import Outbox
@@ -42,6 +44,9 @@ Answers on `receipts` for every chunk and verdict that is in the file.
 
 DEPTH = 1000
 """History depth of subscriptions to topics that are not KEEP_ALL."""
+
+MOST_TAKEN = 1000
+"""Messages with verdicts that are taken one after the other, at most."""
 
 COMPLAINTS = 20
 """Complaints that are logged for each run, at most; further invalid messages are only counted."""
@@ -99,11 +104,18 @@ class RecorderNode(BowNode):
         self._outbox = Outbox(self, self.create_publisher(Receipt, "receipts", STREAM))
         self.subscribe_plan(self._on_plan)
         for topic in TOPICS.values():
-            if topic.name not in ("plan", "receipts"):  # the session writes our receipts
-                kind, qos = _class_of(topic), subscription_qos(topic.qos)
-                self.create_subscription(kind, self.topic(topic.name), self._taker(topic, kind), qos, raw=True)
+            kind, qos, name = _class_of(topic), subscription_qos(topic.qos), self.topic(topic.name)
+            if topic.name == "verdicts":  # taken every 20 ms: nothing of them is answered sooner
+                self._verdicts, self._take_verdicts = Inbox(self, kind, name, qos), self._taker(topic, kind)
+            elif topic.name not in ("plan", "receipts"):  # the session writes our receipts
+                self.create_subscription(kind, name, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
         self.set_state(Health.READY, "waits for a plan")
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that the executor serves."""
+        return (each for each in super().subscriptions if each is not self._verdicts.subscription)
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
         checked = topic.name in ("health", "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
@@ -224,6 +236,8 @@ class RecorderNode(BowNode):
     def _tick(self) -> None:
         if self._waiting is not None and self._session is None:
             self._open()
+        for data in self._verdicts.take(MOST_TAKEN):
+            self._take_verdicts(data)
         session = self._session
         if session is None:
             return

@@ -3,7 +3,7 @@
 import numpy as np
 import recording
 
-from bow_sim.block_request import encode_chunk, prepare
+from bow_sim.block_request import STREAMS, encode_chunk, prepare
 from bow_sim.protocol import cdr
 
 SWEEP = recording.small_sweep("x.name=f_asym", "y.name=f_init_ratio")
@@ -19,8 +19,9 @@ def test_streams_and_inspected_cells_of_a_chunk_agree():
     request.block.advance()
     output = request.block.advance()
     asked = [int(cells[2]), 10**6, int(cells[0])]
-    (force, slip), shown = encode_chunk(request, 1, output, "5" * 16, asked, STAMP)
-    force, slip = cdr.unseal("BridgeForce", force), cdr.unseal("StickSlip", slip)
+    messages, shown = encode_chunk(request, 1, output, "5" * 16, asked, STAMP)
+    force, slip = (cdr.unseal(name, messages.pop(topic)) for topic, name in STREAMS.items())
+    assert not messages
     assert force["stamp"] == slip["header.stamp"] == STAMP
     assert slip["header.frame_id"] == "bow"
     shown = [cdr.unseal("InspectedCell", one) for one in shown]

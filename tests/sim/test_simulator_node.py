@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import rclpy
-from bow_msgs.msg import Health
+import recording
+from bow_msgs.msg import Health, StickSlip
 
+from bow_sim.block_request import STREAMS, Judge
 from bow_sim.graph.node_base import STREAM, RCLError
-from bow_sim.node import MATCHED_S, STREAMS, SimulatorNode
+from bow_sim.node import MATCHED_S, TOPICS, SimulatorNode
 from bow_sim.protocol import cdr
+from bow_sim.protocol.neighbours import CONSUMERS
 from bow_sim.simulator_events import Ignore, PlanReceived, RecreatePublishers, Report, SetState
 from tests.support.example_maps import RUN, plan
 
@@ -34,16 +38,51 @@ def test_publishers_that_fail_are_created_again(simulator: SimulatorNode) -> Non
         def get_subscription_count(self) -> int:
             return 0
 
-    hello = [cdr.hello(name, simulator.incarnation) for name in ("BridgeForce", "StickSlip")]
-    originals = simulator._streams
-    simulator._streams = [Broken(), Broken()]  # type: ignore[list-item]
+    hello = {topic: cdr.hello(name, simulator.incarnation) for topic, name in STREAMS.items()}
+    originals = simulator._publisher_of
+    simulator._publisher_of = dict.fromkeys(STREAMS, Broken())  # type: ignore[arg-type]
     assert not simulator._publish(hello)
-    simulator._streams = originals
+    simulator._publisher_of = originals.copy()
     simulator._to_node.put(RecreatePublishers())
     simulator._carry_out()
-    assert [publisher.topic_name for publisher in simulator._streams] == ["/bow/bridge_force", "/bow/stick_slip"]
-    assert not set(originals) & set(simulator._streams)
+    assert {topic: publisher.topic_name for topic, publisher in simulator._publisher_of.items()} == {
+        topic: f"/bow/{topic}" for topic in STREAMS
+    }
+    assert not set(originals.values()) & set(simulator._publisher_of.values())
     assert simulator._publish(hello)
+
+
+def test_what_records_no_streams_is_judged_here_and_only_by_who_can(simulator: SimulatorNode) -> None:
+    sweep = recording.small_sweep("record=verdicts")
+    opening = cdr.decode("Plan", recording.plan(sweep))
+    lanes, cells = sweep.lanes(sweep.block(0)), sweep.block(0)
+    message = {"spec.settings": sweep.settings(), "cells": cells, "x": lanes[sweep.x.name], "y": lanes[sweep.y.name]}
+    simulator._on_plan(PlanReceived(opening))
+    assert simulator._publisher_of["verdicts"].topic_name == "/bow/verdicts"
+    with pytest.raises(ValueError, match="cannot judge"):
+        simulator._prepare(message)
+    asked: list[tuple[Any, ...]] = []
+
+    def judge_of(*of: Any) -> Judge:
+        asked.append(of)
+        return lambda *_: b"verdicts"
+
+    simulator._judge_of = judge_of
+    assert simulator._prepare(message).judge is not None
+    assert asked == [(opening, cells)]
+    others = {**message, "spec.settings": recording.small_sweep().settings()}
+    assert simulator._prepare(others).judge is None
+
+
+def test_streams_are_wanted_as_soon_as_others_than_recorder_and_classifier_listen(simulator: SimulatorNode) -> None:
+    for _ in CONSUMERS:
+        simulator.create_subscription(StickSlip, "stick_slip", lambda _: None, STREAM)
+    assert not simulator._others_listen()
+    simulator.create_subscription(StickSlip, "stick_slip", lambda _: None, STREAM)
+    deadline = time.monotonic() + 10
+    while not simulator._others_listen():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def test_the_heartbeat_names_blocks_held_and_refused(simulator: SimulatorNode) -> None:
@@ -82,10 +121,13 @@ def test_it_publishes_nothing_before_both_consumers_are_matched_or_have_had_the_
     simulator._made = time.monotonic()
     assert not simulator._is_matched()
     for consumer in (1, 2):
-        for topic, kind in STREAMS.items():
-            simulator.create_subscription(kind, topic, lambda _: None, STREAM)
+        for topic in STREAMS:
+            simulator.create_subscription(TOPICS[topic][0], topic, lambda _: None, STREAM)
         deadline = time.monotonic() + 5
-        while min(p.get_subscription_count() for p in simulator._streams) < consumer and time.monotonic() < deadline:
+        while (
+            min(p.get_subscription_count() for p in simulator._publisher_of.values()) < consumer
+            and time.monotonic() < deadline
+        ):
             time.sleep(0.01)
         simulator._made = time.monotonic()
         assert simulator._is_matched() == (consumer == 2)

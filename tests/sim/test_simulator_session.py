@@ -13,7 +13,7 @@ strangers, of other runs and epochs. It holds
   judged;
 * what is unanswered is sent again while both consumers are alive, never after it was answered or settled, and never
   while the worker has other work;
-* a hello goes out only if nothing is under way, and only in a run;
+* a hello goes out only if nothing is under way, and only in a run: on the streams, also on verdicts where it judges;
 * the simulator is ready only in a run whose consumers receive its streams, and names that run;
 * publishers are created again only after they failed.
 """
@@ -21,6 +21,7 @@ strangers, of other runs and epochs. It holds
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ from session_messages import (
     request,
 )
 
-from bow_sim.block_request import BlockRequest
+from bow_sim.block_request import STREAMS, BlockRequest
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import RESEND_S
@@ -67,7 +68,8 @@ from bow_sim.simulator_events import (
 )
 from bow_sim.simulator_session import NO_RUN, REFUSED, WORKING, SimulatorSession
 
-HELLO = tuple(cdr.hello(name, OWN) for name in ("BridgeForce", "StickSlip"))
+HELLO = {topic: cdr.hello(name, OWN) for topic, name in STREAMS.items()}
+HELLO_OF_JUDGE = {**HELLO, "verdicts": cdr.hello("Verdicts", OWN)}
 
 
 class Sessions(RuleBasedStateMachine):
@@ -83,7 +85,7 @@ class Sessions(RuleBasedStateMachine):
         self.prepared: list[BlockRequest] = []
         self.published: dict[int, int] = {}  # id of a request -> chunks
         self.refused: list[tuple[int, int]] = []
-        self.unanswered: dict[tuple[int, int], tuple[tuple[bytes, ...], set[int]]] = {}
+        self.unanswered: dict[tuple[int, int], tuple[Mapping[str, bytes], set[int]]] = {}
         self.work: deque[ComputeChunk | Publish] = deque()
         self.seen: list[dict[str, Any]] = []
         self.alive = self.failed = self.readers_receive = False
@@ -145,7 +147,7 @@ class Sessions(RuleBasedStateMachine):
                     assert messages in [sent for sent, _ in self.unanswered.values()]
                     self.sent_again.append(messages)
                 case Publish(messages):
-                    assert messages == HELLO
+                    assert messages == (HELLO_OF_JUDGE if self.record == "verdicts" else HELLO)
                     assert not self.unanswered
                     assert self.run != NO_RUN
                 case SetState(state, _, run_id):
@@ -186,6 +188,7 @@ class Sessions(RuleBasedStateMachine):
         self.take_plan(plan(run, epoch))
 
     def take_plan(self, message: dict[str, Any]) -> None:
+        message["spec.settings"] = [f"record={self.record}"]
         self.seen.append(message)
         if self.authority.objection(message):
             return

@@ -81,7 +81,7 @@ def test_a_settled_block_is_dropped_before_its_next_message(session: SimulatorSe
     out = session.handle(BlockReceived(block()), 0)
     assert any(isinstance(item, ComputeChunk) for item in out)
     assert session.handle(PlanReceived(plan(settled=[0])), 0) == []  # the kernel is at it
-    (report,) = session.handle(ChunkComputed((b"force", b"slip")), 0)
+    (report,) = session.handle(ChunkComputed({}), 0)
     assert isinstance(report, Report)
     assert (report.held, report.refused) == ((), ((0, 1),))
 

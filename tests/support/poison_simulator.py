@@ -11,7 +11,7 @@ import ctypes
 import os
 import resource
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 CHUNK = 2
 """Chunks of the block that go out before: the others have to cope with half a block."""
@@ -23,9 +23,9 @@ def poison_simulator() -> object:
     from bow_sim.protocol import cdr
 
     class PoisonSimulator(SimulatorNode):
-        def _publish(self, messages: Sequence[bytes]) -> bool:
+        def _publish(self, messages: Mapping[str, bytes]) -> bool:
             published = super()._publish(messages)
-            seen = cdr.identity(cdr.decode("BridgeForce", messages[0]))
+            seen = cdr.identity(cdr.decode("BridgeForce", messages["bridge_force"]))
             if (seen.block, seen.chunk) == (int(os.environ["POISON_BLOCK"]), CHUNK):
                 die()
             return published

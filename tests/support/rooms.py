@@ -21,8 +21,8 @@ bow_sim: bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph
 bow_classifier.verdict: bow_sim.simd bow_sim.physics
 bow_classifier.features: bow_sim.simd bow_classifier.verdict
 bow_classifier.measured: bow_sim.physics bow_sim.protocol bow_classifier.verdict bow_classifier.features
-bow_classifier: bow_sim.simd bow_sim.physics bow_sim.protocol bow_sim.graph bow_classifier.verdict
-    bow_classifier.features bow_classifier.measured
+bow_classifier: bow_sim.simd bow_sim.physics bow_sim.kernel bow_sim.protocol bow_sim.graph bow_sim
+    bow_classifier.verdict bow_classifier.features bow_classifier.measured
 bow_sweep.plan: bow_sim.atomic_files bow_sim.config_files bow_sim.physics bow_sim.kernel bow_sim.protocol
     bow_classifier.verdict
 bow_sweep.maps: bow_sim.atomic_files bow_sim.physics bow_sim.kernel bow_sim.protocol bow_classifier.verdict

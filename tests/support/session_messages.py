@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim.block_request import BlockRequest
+from bow_sim.block_request import STREAMS, BlockRequest
 from bow_sim.protocol.states import BlockState, PlanState
 from bow_sim.simulator_events import ComputeChunk
 
@@ -20,6 +20,7 @@ def plan(run: tuple[str, str] = RUNS[0], epoch: int = 1, settled: Any = (), **ch
     states = np.full(BLOCKS, BlockState.OUTSTANDING, np.uint8)
     states[list(settled)] = BlockState.DONE
     values = {"run_id": run[0], "sweep_id": run[1], "epoch": epoch, "state": PlanState.OPEN, "block_states": states}
+    values["spec.settings"] = []
     return {**values, "incarnation": COORDINATOR, **changes}
 
 
@@ -50,5 +51,6 @@ def request(message: dict[str, Any], record: str = "all") -> BlockRequest:
     return BlockRequest(message, string, record)
 
 
-def chunk_messages(instruction: ComputeChunk) -> tuple[bytes, ...]:
-    return tuple(f"{name} {instruction.request.key} {instruction.chunk}".encode() for name in ("force", "slip"))
+def chunk_messages(instruction: ComputeChunk) -> dict[str, bytes]:
+    """Stand in for the messages of a chunk, by topic."""
+    return {topic: f"{topic} {instruction.request.key} {instruction.chunk}".encode() for topic in STREAMS}

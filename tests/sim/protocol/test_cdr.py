@@ -163,6 +163,7 @@ def test_attempts_have_the_same_checksum_and_other_places_another(name: str) -> 
     def checksum(**changes: object) -> int:
         return cdr.decode(name, cdr.encode(name, {**chunk()[name], **changes}))["checksum"]
 
+    assert checksum() == cdr.checksum_of(name, chunk()[name])
     stamps = {"stamp": 10**18 + 1, "header.stamp": 10**18 + 1}
     assert checksum() == checksum(attempt=9, incarnation="d" * 16, run_id="e" * 16, **stamps)
     assert len({checksum(), checksum(block=8), checksum(chunk=5), checksum(first_sample=1)}) == 4

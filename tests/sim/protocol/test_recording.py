@@ -3,7 +3,7 @@
 import pytest
 
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol.recording import RECORD, recorded_chunks
+from bow_sim.protocol.recording import RECORD, judged_at_source, recorded_chunks
 from bow_sweep.plan.sweep import Sweep
 
 
@@ -14,6 +14,10 @@ def test_verdicts_record_no_streams_and_last_those_of_the_last_chunk() -> None:
         "verdicts": [],
     }
     assert all(len(recorded_chunks(record, 1)) == (record != "verdicts") for record in RECORD)
+
+
+def test_simulators_judge_their_chunks_where_no_streams_are_recorded() -> None:
+    assert all(judged_at_source(record) == (not recorded_chunks(record, 3)) for record in RECORD)
 
 
 def test_what_is_recorded_is_a_setting_of_the_run_and_no_part_of_the_identity_of_its_cells() -> None:
