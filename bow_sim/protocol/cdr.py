@@ -42,6 +42,7 @@ __all__ = [
     "hello_from",
     "identity",
     "is_sealed",
+    "place_seed",
     "unseal",
 ]
 
@@ -71,14 +72,14 @@ class Identity(NamedTuple):
     attempt: int
 
 
-def _place(block: int, chunk: int) -> int:
+def place_seed(block: int, chunk: int) -> int:
     """Return the seed of a checksum: the place of a chunk in its sweep, so that exchanged chunks are noticed."""
     return (block << 32) | chunk
 
 
 def chunk_checksum(block: int, chunk: int, bridge_force: int, stick_slip: int) -> int:
     """Return the checksum of a chunk from those of its two stream messages; receipts and verdicts carry it."""
-    return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=_place(block, chunk))
+    return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=place_seed(block, chunk))
 
 
 class _Field(NamedTuple):
@@ -156,13 +157,7 @@ class _Writer:
 
 
 def _short(field: str, text: str) -> bytes:
-    """Return a short text as bytes.
-
-    Raises
-    ------
-    WireError
-        If it is too long, or not ASCII.
-    """
+    """Return a short text as bytes; raise WireError if it is too long, or not ASCII."""
     data = text.encode()
     if len(data) > _TEXT.size or not text.isascii() or data.endswith(b"\0"):
         raise WireError(f"{field} = {text!r}: should be {_TEXT.size} ASCII characters at most")
@@ -194,7 +189,7 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
         else:
             writer.field(field, values[field.name] if field.name in values else UNSTAMPED[field.name])
     if seals:
-        digest = xxhash.xxh3_64(seed=_place(int(values["block"]), int(values["chunk"])))
+        digest = xxhash.xxh3_64(seed=place_seed(int(values["block"]), int(values["chunk"])))
         for part in tail.parts:
             digest.update(part)
         head.raw(struct.pack("<Q", digest.intdigest()), 8)
@@ -358,7 +353,7 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
         If the checksum is wrong, or the lengths of arrays do not fit each other.
     """
     values, covered = _decode(name, data)
-    expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=_place(values["block"], values["chunk"]))
+    expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=place_seed(values["block"], values["chunk"]))
     if values["checksum"] != expected:
         raise WireError(f"{name}: checksum {values['checksum']:016x} does not hold, the bytes give {expected:016x}")
     cells = 1 if name == "InspectedCell" else len(values["cells"])

@@ -127,7 +127,7 @@ class _Form:
             values[field] = fixed[at]
         if self._stamp:
             values[self._stamp] = fixed[self._stamp_at] * 10**9 + fixed[self._stamp_at + 1]
-        seed = (values["block"] << 32) | values["chunk"]
+        seed = cdr.place_seed(values["block"], values["chunk"])
         if values["checksum"] != xxhash.xxh3_64_intdigest(memoryview(data)[self._covered :], seed=seed):
             return None
         for field, dtype, size, at in self._arrays:

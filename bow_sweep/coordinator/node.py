@@ -209,6 +209,7 @@ class CoordinatorNode(BowNode):
     def receive_health(self) -> None:
         """Subscribe to heartbeats, which are taken together with the answers."""
         self._heartbeats = Inbox(self, Health, self.topic("health"), HEARTBEATS, raw=False)
+        self._by_hand = {self._heartbeats.subscription}
         self._heard: list[Event] = []
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
@@ -220,8 +221,7 @@ class CoordinatorNode(BowNode):
     @property
     def subscriptions(self) -> Iterator[Subscription]:
         """The subscriptions that the executor serves."""
-        by_hand = [inbox.subscription for pair in self._inboxes.values() for inbox in (self._heartbeats, *pair)]
-        return (each for each in super().subscriptions if each not in by_hand)
+        return (each for each in super().subscriptions if each not in self._by_hand)
 
     def _listen_to(self, station: str) -> None:
         """Subscribe to what recorder and classifier of a station answer."""
@@ -231,6 +231,7 @@ class CoordinatorNode(BowNode):
                 Inbox(self, Verdicts, f"{below}verdicts", STREAM),
                 Inbox(self, Receipt, f"{below}receipts", STREAM),
             )
+            self._by_hand.update(inbox.subscription for inbox in self._inboxes[station])
 
     def _arrived(self) -> Iterator[Event]:
         """Take what waits, and give one event after the other: each is dealt with before the next is looked at."""
