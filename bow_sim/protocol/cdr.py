@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -140,20 +141,28 @@ class _Writer:
             if array.size:
                 self.raw(array.view(np.uint8).data, array.itemsize)
         elif field.kind == "string":
-            self._string(value)
+            self.string(value)
         elif field.kind == "text":
             self.raw(_short(field.name, value), 1)
         elif field.kind == "time":
             self.raw(field.form.pack(*divmod(int(value), 10**9)), 4)
         else:
-            self.raw(_LENGTH.pack(len(value)), 4)
-            for item in value:
-                self._string(item)
+            self.raw(_texts(tuple(value)), 4)
 
-    def _string(self, value: str) -> None:
+    def string(self, value: str) -> None:
         text = value.encode() + b"\0"
         self.raw(_LENGTH.pack(len(text)), 4)
         self.raw(text, 1)
+
+
+@lru_cache(16)
+def _texts(texts: tuple[str, ...]) -> bytes:
+    """Return a sequence of texts as bytes: the settings of a run are in each of its plans and blocks."""
+    writer = _Writer()
+    writer.raw(_LENGTH.pack(len(texts)), 4)
+    for text in texts:
+        writer.string(text)
+    return b"".join(writer.parts)
 
 
 def _short(field: str, text: str) -> bytes:
@@ -315,14 +324,9 @@ _EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: "", TI
 
 
 def hello(name: str, incarnation: str) -> bytes:
-    """Return message `name` of a stream without cells: it only shows that the node's messages arrive.
+    """Return message `name` ("BridgeForce", "StickSlip", "Verdicts") without cells.
 
-    Parameters
-    ----------
-    name
-        "BridgeForce", "StickSlip" or "Verdicts".
-    incarnation
-        Of the node that publishes the hello.
+    It only shows that messages of the node of an `incarnation` arrive.
     """
     values: dict[str, Any] = {field: _EMPTY.get(kind, ()) for field, kind in FIELDS[name].items()}
     return encode(name, {**values, "incarnation": incarnation, "offsets": (0,)})
