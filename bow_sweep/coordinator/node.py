@@ -135,6 +135,7 @@ class CoordinatorNode(BowNode):
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
         self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnosed = 0
         self._chooser = CellChooser(self, lambda: self._session.run)
         self._inboxes: dict[str, tuple[Inbox, Inbox]] = {}
         self._listen_to("")
@@ -348,11 +349,11 @@ class CoordinatorNode(BowNode):
 
     def _publish_diagnostics(self) -> None:
         now, run, node, host = self.awake.now(), self._session.run, self.health.node, self.health.host
+        nodes = diagnostics.in_turn([*self._session.nodes.values()], self._diagnosed)
+        self._diagnosed += 1
         items = [
             diagnostics.health_of(self.health, True),
-            *diagnostics.nodes_health(
-                self._session.nodes.values(), lambda incarnation: self.neighbours.is_alive(incarnation, now)
-            ),
+            *diagnostics.nodes_health(nodes, lambda incarnation: self.neighbours.is_alive(incarnation, now)),
             diagnostics.sweep_of(node, host, self.health.run_id, run.accounts() if run else None),
             diagnostics.last_word(node, host, "goal", self._session.refused, "no goal was refused lately"),
             diagnostics.last_word(node, host, "inspection", self._chooser.problem, self._chooser.latest),
