@@ -6,6 +6,7 @@ import gc
 import threading
 import time
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -209,8 +210,8 @@ class CoordinatorNode(BowNode):
 
     def receive_health(self) -> None:
         """Subscribe to heartbeats, which are taken together with the answers."""
-        self._heartbeats = Inbox(self, Health, self.topic("health"), HEARTBEATS, raw=False)
-        self._by_hand = {self._heartbeats.subscription}
+        self._heartbeats = [Inbox(self, Health, topic, HEARTBEATS, raw=False) for topic in self.heartbeat_topics()]
+        self._by_hand = {inbox.subscription for inbox in self._heartbeats}
         self._heard: list[Event] = []
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
@@ -236,7 +237,7 @@ class CoordinatorNode(BowNode):
 
     def _arrived(self) -> Iterator[Event]:
         """Take what waits, and give one event after the other: each is dealt with before the next is looked at."""
-        for message in self._heartbeats.take(MOST_TAKEN):
+        for message in chain.from_iterable(inbox.take(MOST_TAKEN) for inbox in self._heartbeats):
             self._take_health(message)
             heard, self._heard = self._heard, []
             yield from heard

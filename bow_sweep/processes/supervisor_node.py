@@ -105,7 +105,7 @@ class SupervisorNode(BowNode):
         super().__init__("supervisor", name, context=context)
         self._seen = seen
         # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
-        self._exits = self.create_publisher(Health, self.topic("health"), LATCHED_DEEP)
+        self._exits = self.publish_heartbeats(LATCHED_DEEP)
         self.create_subscription(BasinMap, self.topic("basin_map"), self._on_map, LATCHED, raw=True)
         self.create_subscription(Plan, self.topic("plan"), self._on_plan, LATCHED_DEEP, raw=True)
         self.set_state(Health.READY)
@@ -168,7 +168,8 @@ class SupervisorNode(BowNode):
             detail=exit_.cause,
         )
         message.stamp = self.wall_time()
-        self._exits.publish(message)
+        for publisher in self._exits:
+            publisher.publish(message)
 
 
 def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:

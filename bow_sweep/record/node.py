@@ -23,7 +23,7 @@ from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import SILENT_S, Neighbour
 from bow_sim.protocol.states import PlanState
-from bow_sim.protocol.stations import station_of
+from bow_sim.protocol.stations import HEALTH, station_of
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import BagError, bag_folder
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
@@ -101,12 +101,14 @@ class RecorderNode(BowNode):
         for topic in TOPICS.values():
             if topic.name not in ("plan", "receipts"):  # the session writes our receipts
                 kind, qos = _class_of(topic), subscription_qos(topic.qos)
-                self.create_subscription(kind, self.topic(topic.name), self._taker(topic, kind), qos, raw=True)
+                names = self.heartbeat_topics() if topic.name == HEALTH else (self.topic(topic.name),)
+                for name in names:
+                    self.create_subscription(kind, name, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
         self.set_state(Health.READY, "waits for a plan")
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
-        checked = topic.name in ("health", "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
+        checked = topic.name in (HEALTH, "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
         sealed = STORED_ONCE.get(topic.name, "")
 
         def take(data: bytes) -> None:
@@ -133,7 +135,7 @@ class RecorderNode(BowNode):
             return False
         try:
             message = deserialize_message(data, kind)
-            if topic.name == "health":
+            if topic.name == HEALTH:
                 return self.concerns(message.role, message.node)
             if topic.name == "/diagnostics":  # all graphs of a domain share it
                 nodes = [status.name.partition(":")[0] for status in message.status]
