@@ -346,7 +346,9 @@ class CoordinatorSession:
             return
         ready = self._stations.ready(active.run.run_id, self._now, None if heard is None else self._stations.of(heard))
         if ready and heard is None:
-            self._pool.release_stations(self._stations.gone(self._now))
+            gone = self._stations.gone(self._now)
+            self._pool.release_stations(gone)
+            self._apply(*map(ledger_events.StationLost, sorted(gone)))
         self._pool.check(self._now, may_join=bool(ready), only=heard, stations=ready)
         if heard is not None and not ready:
             return  # what is missing is said at the next tick

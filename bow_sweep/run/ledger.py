@@ -39,6 +39,7 @@ from bow_sweep.run.ledger_events import (
     SimulatorReady,
     SimulatorReturned,
     State,
+    StationLost,
     Tick,
 )
 
@@ -262,6 +263,10 @@ class Ledger:
                     self._make_due(number, why, out)
             case ConsumerRestarted(role, station):
                 self._restart(role, station, out)
+            case StationLost(station):
+                for number in self._not_held():
+                    if self.blocks[number].state is State.DISPATCHED and self.blocks[number].station == station:
+                        self._make_due(number, "the recorder or classifier of its station has gone", out)
             case Grown(blocks):
                 fresh = range(len(self.blocks), blocks)
                 self.blocks += [_Block() for _ in fresh]
@@ -361,9 +366,12 @@ class Ledger:
         else:
             self._restarted[station] = self.epoch
 
+    def _not_held(self) -> list[int]:
+        """Return the outstanding blocks that no simulator has in flight."""
+        return sorted(self._open.difference(*self.in_flight.values()))
+
     def _expire(self, now: float, out: list[Instruction]) -> None:
-        held = {number for blocks in self.in_flight.values() for number in blocks}
-        for number in sorted(self._open - held):
+        for number in self._not_held():
             block = self.blocks[number]
             patience = DISK_S if self._all_answered(block) else STALE_S
             if block.state is State.DISPATCHED and now - block.touched > patience:

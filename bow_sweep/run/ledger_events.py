@@ -101,6 +101,13 @@ class OnDisk(NamedTuple):
 
 
 @dataclass(frozen=True)
+class StationLost:
+    """The recorder or classifier of a station has gone: blocks that its simulators have finished get no answers."""
+
+    station: str
+
+
+@dataclass(frozen=True)
 class Grown:
     """Another round of an adaptive sweep is planned: there are `blocks` in all now."""
 
@@ -123,6 +130,7 @@ Event = (
     | Refused
     | ConsumerRestarted
     | AnswerEvent
+    | StationLost
     | Grown
     | Tick
 )

@@ -312,6 +312,25 @@ def test_the_account_of_a_block_begins_anew_at_another_station() -> None:
     assert ledger.finished
 
 
+def test_a_block_that_waits_for_the_disk_of_a_station_that_has_gone_goes_to_another() -> None:
+    """Nothing else would show it for `DISK_S`: its simulator has finished it, and every chunk is answered."""
+    ledger = Ledger(3, CHUNKS)
+    ledger.handle(L.SimulatorReady("a", "lab"), 0)
+    assert answer(ledger, 0, station="lab")[-1].state is State.DONE
+    for chunk in range(CHUNKS):
+        ledger.handle(L.Receipted(1, chunk, chunk_sum(1, chunk), False, "lab"), 1)
+        ledger.handle(L.Judged(1, chunk, chunk_sum(1, chunk), verdict_sum(1, chunk), "lab"), 1)
+        ledger.handle(L.Receipted(1, chunk, verdict_sum(1, chunk), True, "lab"), 1)
+    ledger.handle(L.Finished("a", 0, 1), 1)
+    ledger.handle(L.Finished("a", 1, 1), 1)
+    ledger.handle(L.SimulatorReady("b", "attic"), 2)
+    assert ledger.handle(L.StationLost("attic"), 3) == []
+    assert dispatches(ledger.handle(L.Tick(), 60)) == [], "a slow disk has its time"
+    assert ledger.in_flight["a"] == [2]
+    assert [sent.block for sent in dispatches(ledger.handle(L.StationLost("lab"), 61))] == [1]
+    assert ledger.blocks[2].state is State.DISPATCHED, "what a simulator holds is not concerned"
+
+
 def test_late_answers_of_a_lost_station_count_as_long_as_nobody_else_has_the_block() -> None:
     ledger = Ledger(1, CHUNKS)
     ledger.handle(L.SimulatorReady("a", "lab"), 0)
