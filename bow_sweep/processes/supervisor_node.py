@@ -42,6 +42,9 @@ LOOK_S = 0.1
 MENTIONED_S = 5.0
 """What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
 
+NO_RUN = "-"
+"""In place of a run, between two: nobody is late then, however long it takes. Heartbeats are watched all the same."""
+
 NEWS = ("refuses blocks", "waiting for the dashboard")
 """Health details that begin so are printed. They last: of two heartbeats at once only the second is sure to arrive."""
 
@@ -88,6 +91,13 @@ class Observed:
     closed: bool = False
     leader: Leader = field(default_factory=Leader)
     waits: tuple[str, float] = ("", 0.0)
+
+    def follow(self, run_id: str) -> None:
+        """Watch the run that the coordinator has now; "" for none."""
+        run = run_id or NO_RUN
+        if run != self.watchdog.run_id:
+            worked, self.watchdog = self.watchdog.worked, Watchdog(run)
+            self.watchdog.worked |= worked
 
     def note_waiting(self, what: str, now: float) -> None:
         """Print what the coordinator waits for in the middle of a sweep; before the first map, the display shows it."""

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from bow_sim.protocol.stations import named
+from bow_sweep.run.ledger_block import Block, Checksums
 from bow_sweep.run.ledger_events import (
     AnswerEvent,
     ConsumerRestarted,
@@ -43,9 +43,6 @@ from bow_sweep.run.ledger_events import (
     Tick,
 )
 
-SUSPECT_CRASHES = 2
-"""A block during which this many simulators crashed is sent only to simulators that hold no other block."""
-
 POISON_CRASHES = 3
 """A block that was the only one in flight at a simulator in this many crashes is quarantined."""
 
@@ -57,57 +54,6 @@ DISK_S = 300.0
 
 STALE_S = 6.0
 """Seconds without an acknowledgement after which a block is due again that no simulator holds any more."""
-
-
-class _Checksums(NamedTuple):
-    streams: int
-    verdicts: int
-
-
-@dataclass
-class _Block:
-    state: State = State.DUE
-    attempt: int = 0
-    crashes: int = 0
-    crashes_alone: int = 0
-    touched: float = 0.0
-    station: str = ""
-    on_disk: bool = False
-    streams: dict[int, int] = field(default_factory=dict)
-    judged: dict[int, _Checksums] = field(default_factory=dict)
-    verdicts: dict[int, int] = field(default_factory=dict)
-    judged_before: dict[int, _Checksums] = field(default_factory=dict)  # by the stations that had it before
-
-    def count_crash(self, alone: bool, by: int = 1) -> None:
-        self.crashes = max(0, self.crashes + by)
-        self.crashes_alone = max(0, self.crashes_alone + alone * by)
-
-    @property
-    def suspect(self) -> bool:
-        return self.crashes >= SUSPECT_CRASHES
-
-    def discard_answers(self) -> None:
-        for answers in (self.streams, self.judged, self.verdicts):
-            answers.clear()
-        self.on_disk = False
-
-    def move(self, station: str) -> None:
-        """Have it belong to another station; what the others judged must still be equal."""
-        self.judged_before.update(self.judged)
-        self.discard_answers()
-        self.station = station
-
-    def contradiction(self, chunk: int) -> str:
-        """Return which checksums of a chunk differ, or ""."""
-        judged = self.judged.get(chunk)
-        if judged is None:
-            return ""
-        streams, verdicts = self.streams.get(chunk, judged.streams), self.verdicts.get(chunk, judged.verdicts)
-        if streams != judged.streams:
-            return f"chunk {chunk}: streams recorded as {streams:016x}, judged as {judged.streams:016x}"
-        if verdicts != judged.verdicts:
-            return f"chunk {chunk}: verdicts recorded as {verdicts:016x}, judged as {judged.verdicts:016x}"
-        return ""
 
 
 class Ledger:
@@ -139,7 +85,7 @@ class Ledger:
         self.chunks = chunks
         self.recorded = range(chunks) if recorded is None else recorded
         self.epoch = self.announced = 1
-        self.blocks = [_Block() for _ in range(blocks)]
+        self.blocks = [Block() for _ in range(blocks)]
         self.in_flight: dict[str, list[int]] = {}
         self._station: dict[str, str] = {}  # of each simulator
         self._blamed: dict[str, tuple[int, bool]] = {}  # simulator that was lost -> suspect block, and if it was alone
@@ -233,7 +179,7 @@ class Ledger:
         elif isinstance(answer, Judged):
             number, chunk, chunk_checksum, checksum, station = answer
             if self._concerns(number, chunk, station):
-                checksums, block = _Checksums(chunk_checksum, checksum), self.blocks[number]
+                checksums, block = Checksums(chunk_checksum, checksum), self.blocks[number]
                 differs = block.judged.setdefault(chunk, checksums) != checksums
                 differs |= block.judged_before.get(chunk, checksums) != checksums
                 self._answered(number, chunk, differs, now, out)
@@ -269,7 +215,7 @@ class Ledger:
                         self._make_due(number, "the recorder or classifier of its station has gone", out)
             case Grown(blocks):
                 fresh = range(len(self.blocks), blocks)
-                self.blocks += [_Block() for _ in fresh]
+                self.blocks += [Block() for _ in fresh]
                 self._open.update(fresh)
                 self._due = sorted([*self._due, *fresh])
             case Tick():
@@ -315,7 +261,7 @@ class Ledger:
         elif block.on_disk and self._all_answered(block):
             self._settle(number, State.DONE, "", out)
 
-    def _all_answered(self, block: _Block) -> bool:
+    def _all_answered(self, block: Block) -> bool:
         streams = len(block.streams) == len(self.recorded)
         return streams and len(block.judged) == len(block.verdicts) == self.chunks
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -64,6 +65,7 @@ class Listener:
         from bow_sim.graph.discovery import apply_defaults
         from bow_sim.graph.node_base import LATCHED_DEEP
 
+        os.environ.update(state.network)
         apply_defaults()
         self.state = state
         self.nodes: dict[str, Seen] = {}
