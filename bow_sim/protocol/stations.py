@@ -1,8 +1,8 @@
 """Stations: groups of simulators with a recorder and a classifier of their own. No ROS, no clock.
 
 The nodes of a station NAME are in the namespace ``<run's namespace>/NAME``; there its streams, verdicts and receipts
-stay. Plan, blocks and the map are topics of the run's namespace. So the station of a node follows from its
-name. The station without a name, "", is that of the coordinator's namespace.
+stay. Plan, blocks and the map are topics of the run's namespace. So the station of a node follows from its name. The
+station without a name, "", is that of the coordinator's namespace.
 """
 
 from __future__ import annotations
