@@ -63,7 +63,7 @@ def health_of(health: Any, alive: bool) -> Status:
 def in_turn(nodes: Sequence[Any], turn: int) -> Sequence[Any]:
     """Return the nodes that are published this time, the `turn`-th: all, unless they are very many.
 
-    An item costs the coordinator half as much again as the heartbeat that it shows.
+    With 1024 nodes and no work, all of them each second took half of the time of the coordinator's thread.
     """
     parts = max(1, min(TURNS, math.ceil(len(nodes) / MOST_AT_ONCE)))
     return nodes[turn % parts :: parts]
