@@ -220,7 +220,8 @@ def _coordinator(pools: list[dict[str, Any]]) -> Iterator[Row]:
         beside = (
             f"{one['chunks_per_s']:,.0f} chunks/s, {one['blocks_per_s']:.0f} blocks/s, {one['busy']:.0%} of a core; "
         )
-        beside += f"{one['chunk_ms']:.2f} ms without heartbeats, those {one['idle_cpu']:.0%} of a core; "
+        beside += f"{one['chunk_ms']:.2f} ms in the second half without heartbeats, "
+        beside += f"those {one['idle_cpu']:.0%} of a core; {one['once_s']:.1f} s once; "
         yield Row("coordinator", name, value, f"{beside}{one['rss_mb']:.0f} MB")
 
 

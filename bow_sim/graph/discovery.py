@@ -50,6 +50,11 @@ def goes_beyond(environment: Mapping[str, str]) -> bool:
     return given not in (LOCALHOST, "OFF") or bool(environment.get(PEERS) or environment.get(SERVER))
 
 
+def network_of(environment: Mapping[str, str]) -> dict[str, str]:
+    """Return the variables of an environment that say which machines a graph reaches."""
+    return {name: environment[name] for name in (RANGE, PEERS, SERVER) if environment.get(name)}
+
+
 def _is_loopback_profile(environment: Mapping[str, str]) -> bool:
     profile = find_profile(LOOPBACK_PROFILE)
     return profile is not None and environment.get(PROFILE) == str(profile)

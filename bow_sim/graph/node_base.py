@@ -16,6 +16,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from bow_sim.graph.diagnosis import network_hints
@@ -26,6 +27,8 @@ from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.neighbours import HELLO_S, UNCONFIRMED_S, AwakeClock, Neighbour, Neighbours
 from bow_sim.protocol.stations import (
+    HEALTH,
+    STATION_HEALTH,
     STATION_ROLES,
     STATION_TOPICS,
     StationError,
@@ -137,7 +140,7 @@ class BowNode(Node):
         self._logged = False
         self._said = ""
         self._run_log = RunLog(self.says_ends)
-        self._health_publisher = self.create_publisher(Health, self.topic("health"), LATCHED)
+        self._health_publishers = self.publish_heartbeats(LATCHED)
         self.receive_health()
         self.every(CHECK_S, self._publish_health_when_due)
         self.publish_health()
@@ -259,7 +262,8 @@ class BowNode(Node):
         self.health.number += 1
         self.health.rss = resident_bytes()
         self.health.hears = self.neighbours.hears(now)
-        self._health_publisher.publish(self.health)
+        for publisher in self._health_publishers:
+            publisher.publish(self.health)
 
     def _publish_health_when_due(self) -> None:
         now = self.awake.now()
@@ -342,9 +346,24 @@ class BowNode(Node):
             return
         self.on_health(message, neighbour)
 
+    def publish_heartbeats(self, qos: QoSProfile) -> list[Publisher]:
+        """Return publishers of heartbeats, for all who have to hear them."""
+        topics = (HEALTH, self.topic(STATION_HEALTH)) if self.station else (HEALTH,)
+        return [self.create_publisher(Health, topic, qos) for topic in topics]
+
+    def heartbeat_topics(self) -> tuple[str, ...]:
+        """Return the topics of the heartbeats that this node has to hear: of the run's nodes and those of its station.
+
+        Nodes that belong to the run hear all.
+        """
+        if self.station:
+            return HEALTH, self.topic(HEALTH)
+        return (HEALTH,) if self.health.role in STATION_ROLES else (HEALTH, STATION_HEALTH)
+
     def receive_health(self) -> None:
         """Subscribe to heartbeats; who takes them by hand passes each to :meth:`_take_health`."""
-        self.create_subscription(Health, self.topic("health"), self._take_health, HEARTBEATS)
+        for topic in self.heartbeat_topics():
+            self.create_subscription(Health, topic, self._take_health, HEARTBEATS)
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Take in a heartbeat; `neighbour` is None if it reports that a node has gone."""

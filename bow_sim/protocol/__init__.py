@@ -7,6 +7,7 @@ intervals       slip intervals that can be
 cdr_alike       messages that are alike but for their content, unsealed faster
 identity        new identities for runs and nodes
 sweep_spec      the written form of a sweep: settings, and the axes of the map
+axis_names      which parameters can be the axis of a map
 repeats         cells repeated with slightly other bow forces
 recording       which streams are recorded
 sweep_outline   axes, blocks and chunks of an announced sweep, and which messages belong to it

@@ -10,6 +10,9 @@ from typing import Any
 
 from bow_sim.protocol.states import PlanState
 
+MOST_CLOSED = 1000
+"""Runs that were closed and are remembered, at most: a graph may stay for any number of runs."""
+
 
 class Authority:
     """The run that a node works for, as announced by the plan that opened it.
@@ -22,7 +25,7 @@ class Authority:
 
     def __init__(self, is_alive: Callable[[str, str], bool]) -> None:
         self._is_alive = is_alive
-        self._closed: dict[str, int] = {}  # epoch in which each run was closed
+        self._closed: dict[str, int] = {}  # epoch in which each run was closed, the latest last
         self.run_id = self.owner = ""
         self.epoch = 0
 
@@ -43,6 +46,9 @@ class Authority:
             return why
         self.run_id, self.owner, self.epoch = run_id, owner, epoch
         if plan["state"] != PlanState.OPEN:
+            self._closed.pop(run_id, None)
+            if len(self._closed) >= MOST_CLOSED:
+                del self._closed[next(iter(self._closed))]
             self._closed[run_id] = epoch
             self.release()
         return ""

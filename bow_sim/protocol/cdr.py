@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +45,7 @@ __all__ = [
     "hello_from",
     "identity",
     "is_sealed",
+    "place_seed",
     "unseal",
 ]
 
@@ -73,14 +75,14 @@ class Identity(NamedTuple):
     attempt: int
 
 
-def _place(block: int, chunk: int) -> int:
+def place_seed(block: int, chunk: int) -> int:
     """Return the seed of a checksum: the place of a chunk in its sweep, so that exchanged chunks are noticed."""
     return (block << 32) | chunk
 
 
 def chunk_checksum(block: int, chunk: int, bridge_force: int, stick_slip: int) -> int:
     """Return the checksum of a chunk from those of its two stream messages; receipts and verdicts carry it."""
-    return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=_place(block, chunk))
+    return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=place_seed(block, chunk))
 
 
 class _Field(NamedTuple):
@@ -141,30 +143,32 @@ class _Writer:
             if array.size:
                 self.raw(array.view(np.uint8).data, array.itemsize)
         elif field.kind == "string":
-            self._string(value)
+            self.string(value)
         elif field.kind == "text":
             self.raw(_short(field.name, value), 1)
         elif field.kind == "time":
             self.raw(field.form.pack(*divmod(int(value), 10**9)), 4)
         else:
-            self.raw(_LENGTH.pack(len(value)), 4)
-            for item in value:
-                self._string(item)
+            self.raw(_texts(tuple(value)), 4)
 
-    def _string(self, value: str) -> None:
+    def string(self, value: str) -> None:
         text = value.encode() + b"\0"
         self.raw(_LENGTH.pack(len(text)), 4)
         self.raw(text, 1)
 
 
-def _short(field: str, text: str) -> bytes:
-    """Return a short text as bytes.
+@lru_cache(16)
+def _texts(texts: tuple[str, ...]) -> bytes:
+    """Return a sequence of texts as bytes: the settings of a run are in each of its plans and blocks."""
+    writer = _Writer()
+    writer.raw(_LENGTH.pack(len(texts)), 4)
+    for text in texts:
+        writer.string(text)
+    return b"".join(writer.parts)
 
-    Raises
-    ------
-    WireError
-        If it is too long, or not ASCII.
-    """
+
+def _short(field: str, text: str) -> bytes:
+    """Return a short text as bytes; raise WireError if it is too long, or not ASCII."""
     data = text.encode()
     if len(data) > _TEXT.size or not text.isascii() or data.endswith(b"\0"):
         raise WireError(f"{field} = {text!r}: should be {_TEXT.size} ASCII characters at most")
@@ -206,7 +210,7 @@ def _pieces(name: str, values: Mapping[str, Any]) -> tuple[list[bytes | memoryvi
         else:
             writer.field(field, values[field.name] if field.name in values else UNSTAMPED[field.name])
     if seals:
-        digest = xxhash.xxh3_64(seed=_place(int(values["block"]), int(values["chunk"])))
+        digest = xxhash.xxh3_64(seed=place_seed(int(values["block"]), int(values["chunk"])))
         for part in tail.parts:
             digest.update(part)
         checksum = digest.intdigest()
@@ -333,14 +337,9 @@ _EMPTY = {"uint8": 0, "uint32": 0, "uint64": 0, "string": "", SHORT_TEXT: "", TI
 
 
 def hello(name: str, incarnation: str) -> bytes:
-    """Return message `name` of a stream without cells: it only shows that the node's messages arrive.
+    """Return message `name` ("BridgeForce", "StickSlip", "Verdicts") without cells.
 
-    Parameters
-    ----------
-    name
-        "BridgeForce", "StickSlip" or "Verdicts".
-    incarnation
-        Of the node that publishes the hello.
+    It only shows that messages of the node of an `incarnation` arrive.
     """
     values: dict[str, Any] = {field: _EMPTY.get(kind, ()) for field, kind in FIELDS[name].items()}
     return encode(name, {**values, "incarnation": incarnation, "offsets": (0,)})
@@ -371,7 +370,7 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
         If the checksum is wrong, or the lengths of arrays do not fit each other.
     """
     values, covered = _decode(name, data)
-    expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=_place(values["block"], values["chunk"]))
+    expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=place_seed(values["block"], values["chunk"]))
     if values["checksum"] != expected:
         raise WireError(f"{name}: checksum {values['checksum']:016x} does not hold, the bytes give {expected:016x}")
     cells = 1 if name == "InspectedCell" else len(values["cells"])

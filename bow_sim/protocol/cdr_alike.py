@@ -1,8 +1,8 @@
-"""Sealed messages of one kind that are alike but for their content, unsealed in half the time.
+"""Messages of one kind that are alike but for their content, read in half the time.
 
 Where a message is as long as one before and its arrays and texts are too, every field is where it was there. So all
 that is no array is read at once, and the lengths are compared with those of before instead of being followed field by
-field. Whatever differs is left to :func:`bow_sim.protocol.cdr.unseal`, which says what is wrong with it.
+field. Whatever differs is left to :mod:`bow_sim.protocol.cdr`, which says what is wrong with it.
 """
 
 from __future__ import annotations
@@ -17,41 +17,48 @@ import xxhash
 from bow_sim.protocol import cdr
 from bow_sim.protocol.messages import FIELDS, TIME
 
+MOST_FORMS = 64
+"""Lengths of messages of which the places of the fields are kept, at most."""
+
 MOST_TEXTS = 256
 """Sets of texts (run, sweep, sender, ...) that are kept as they were decoded, at most."""
 
 _LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
 
 
-class Unsealer:
-    """Unseals messages `name`, as :func:`bow_sim.protocol.cdr.unseal` does.
+class AlikeReader:
+    """Reads messages of one kind: sealed ones as :func:`bow_sim.protocol.cdr.unseal`, others as `decode` does.
 
     Parameters
     ----------
     name
-        A sealed message whose fields are scalars, texts of any length, arrays and stamps: "Verdicts".
+        A message whose fields are scalars, texts of any length, arrays and stamps: "Verdicts" or "Receipt".
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._form: _Form | None = None
+        self._forms: dict[int, _Form] = {}
 
-    def unseal(self, data: cdr.Buffer) -> dict[str, Any]:
-        """Return the fields of a message after checking its checksum and the lengths of its arrays.
+    def read(self, data: cdr.Buffer) -> dict[str, Any]:
+        """Return the fields of a message after checking its checksum, if it has one, and the lengths of its arrays.
 
         Raises
         ------
         WireError
-            As :func:`bow_sim.protocol.cdr.unseal`.
+            As :func:`bow_sim.protocol.cdr.unseal` or :func:`bow_sim.protocol.cdr.decode`.
         """
-        if self._form is not None:
-            values = self._form.read(data)
+        form = self._forms.get(len(data))
+        if form is not None:
+            values = form.read(data)
             if values is not None:
                 return values
-        values = cdr.unseal(self._name, data)
-        if self._form is None or not self._form.learn(data, values):
+        values = cdr.unseal(self._name, data) if cdr.is_sealed(self._name) else cdr.decode(self._name, data)
+        if form is None or not form.learn(data, values):
             form = _Form(self._name, values)
-            self._form = form if form.learn(data, values) else None
+            if form.learn(data, values):
+                if len(self._forms) >= MOST_FORMS:
+                    self._forms.clear()
+                self._forms[len(data)] = form
         return values
 
 
@@ -127,9 +134,10 @@ class _Form:
             values[field] = fixed[at]
         if self._stamp:
             values[self._stamp] = fixed[self._stamp_at] * 10**9 + fixed[self._stamp_at + 1]
-        seed = (values["block"] << 32) | values["chunk"]
-        if values["checksum"] != xxhash.xxh3_64_intdigest(memoryview(data)[self._covered :], seed=seed):
-            return None
+        if self._covered:
+            seed = cdr.place_seed(values["block"], values["chunk"])
+            if values["checksum"] != xxhash.xxh3_64_intdigest(memoryview(data)[self._covered :], seed=seed):
+                return None
         for field, dtype, size, at in self._arrays:
             values[field] = np.frombuffer(data, dtype, size, at)
         return values

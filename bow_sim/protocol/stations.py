@@ -1,8 +1,8 @@
 """Stations: groups of simulators with a recorder and a classifier of their own. No ROS, no clock.
 
 The nodes of a station NAME are in the namespace ``<run's namespace>/NAME``; there its streams, verdicts and receipts
-stay. Plan, blocks, heartbeats and the map are topics of the run's namespace. So the station of a node follows from its
-name. The station without a name, "", is that of the coordinator's namespace.
+stay. Plan, blocks and the map are topics of the run's namespace. So the station of a node follows from its name. The
+station without a name, "", is that of the coordinator's namespace.
 """
 
 from __future__ import annotations
@@ -20,7 +20,12 @@ STATION_ROLES = ("recorder", "classifier", "simulator")
 """Roles of the nodes that belong to a station; all others belong to the run."""
 
 STATION_TOPICS = ("bridge_force", "stick_slip", "verdicts", "receipts")
-"""Topics that each station has for itself; all others are those of the run."""
+"""Topics that each station has for itself; all others are those of the run, but for heartbeats, see `HEALTH`."""
+
+HEALTH, STATION_HEALTH = "health", "station_health"
+"""Topics of heartbeats. `health` is in the run's namespace for nodes without a station, and in that of the station for
+its own nodes. Those publish each heartbeat in the run's namespace too, on `station_health`, where only nodes of the run
+listen. So a simulator receives what it needs, and the traffic does not grow with the square of the nodes."""
 
 
 class StationError(ValueError):

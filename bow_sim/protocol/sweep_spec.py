@@ -10,7 +10,6 @@ the complete settings that a plan announces.
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -22,17 +21,9 @@ from numpy.typing import NDArray
 from bow_sim.physics import exact
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.fields import as_number
-from bow_sim.physics.instruments import PRESETS, SI
 from bow_sim.physics.kinds import MODEL, MODEL_NAMES, in_order, is_kind, kinds_of, model_name, value_text, with_values
-from bow_sim.physics.parameters import (
-    FIELDS,
-    SWEEPABLE,
-    SWEEPABLE_NAMES,
-    TYPES,
-    Parameters,
-    is_sweepable,
-    parse_settings,
-)
+from bow_sim.physics.parameters import TYPES, Parameters, parse_settings
+from bow_sim.protocol.axis_names import check_name
 from bow_sim.protocol.limits import MAX_CELLS
 
 GROUPS = ("x", "y", "classifier")
@@ -177,41 +168,6 @@ class Axis:
 
 AXIS_SETTINGS = ("name", "scale", "first", "last", "count", "values")
 """The settings of an axis, ``x.name`` and so on."""
-
-
-def check_name(key: str, name: str) -> None:
-    """Raise ParameterError where a parameter cannot be the axis `key`; says why, and what would do."""
-    if is_sweepable(name) or is_kind(name):
-        return
-    if name in WHY_NOT:
-        raise ParameterError(f"{key}.name = {name!r}: cannot be swept: {WHY_NOT[name]}")
-    where = f"{key}.name = {name!r}: cannot be swept:"
-    choices = FIELDS[name].metadata.get("choices", ()) if name in FIELDS else tuple(PRESETS.get(name, ()))
-    if name in FIELDS or name in PRESETS:
-        over = f"{name}={','.join(choices[:2]) or '...'}"
-        raise ParameterError(f"{where} it is no number; {_STUDY} {over}")
-    if name in _HOW:
-        raise ParameterError(f"{where} it says how a map is computed, not what of; {_STUDY} {name}={_HOW[name]}")
-    close = difflib.get_close_matches(name, [*SWEEPABLE, *SI, *WHY_NOT], n=1)
-    right = f"did you mean {close[0]}?" if close else f"one of {SWEEPABLE_NAMES}"
-    raise ParameterError(f"{where} there is no such parameter; {right}")
-
-
-STUDY_OVER = "bow study --over"
-"""Beginning of a command that does what an axis cannot."""
-
-_HOW = {"block_cells": "64,256", "adaptive": "0.25,0.5", "repeats": "2,8", "jitter": "0.001,0.01", "seed": "1,2"}
-"""Settings of how a map is computed, and values of an example."""
-
-_STUDY = f"make a map for each, as by {STUDY_OVER}"
-
-WHY_NOT = {
-    "period": "all cells of a map have chunks of the same length, five periods. Sweep the note (semitone or f_0, with "
-    f"a body, bow hair or thermal friction), or {_STUDY} period=80,139",
-    "periods": "all cells of a map are simulated for the same time. The map of the longest time has every five periods "
-    f"of the shorter ones; or {_STUDY} periods=50,100",
-}
-"""Why some numbers cannot be an axis, and what would do."""
 
 
 def check_names(key: str, given: Iterable[str]) -> None:

@@ -18,12 +18,12 @@ from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED, USAGE
 from bow_sweep.processes.new_directory import RUNS
 
-STATION = """Join a run that is in progress, here or on another machine, as a station: simulators with a recorder and a
-classifier of their own. Their streams stay on this machine, in a bag of their own; verdicts and receipts go to the
-coordinator of the run. A station may come and go: the run goes on without it, and what it has not finished is computed
-by others. It ends with the run, or at Ctrl-C."""
+STATION = """Join a run that is in progress, or a graph of `bow up` for all of its runs, here or on another machine, as
+a station: simulators with a recorder and a classifier of their own. Their streams stay on this machine, in a bag of
+their own; verdicts and receipts go to the coordinator of the run. A station may come and go: the run goes on without
+it, and what it has not finished is computed by others. It ends with the run or the graph, or at Ctrl-C."""
 
-RUN_ID = re.compile(r"[a-f][0-9a-f]{15}")
+RUN_ID, GRAPH_ID = re.compile(r"[a-f][0-9a-f]{15}"), re.compile(r"[a-f][0-9a-f]{7}")
 
 
 def add_command(commands: Any) -> None:
@@ -36,7 +36,8 @@ def add_command(commands: Any) -> None:
         epilog="examples:\n"
         "  bow sweep fig11d --network SUBNET                       on the first machine; it prints the RUN_ID\n"
         "  bow station lab_2 --run RUN_ID --network SUBNET         on the second: one simulator a core\n"
-        "  bow station half --run runs/fig11d-20260101-120000      a second station on the first machine\n\n"
+        "  bow station half --run runs/fig11d-20260101-120000      a second station on the first machine\n"
+        "  bow station lab_2 --run GRAPH_ID --network SUBNET       for all runs; `bow up --network` prints it\n\n"
         "The bag is in DIR/RUN_ID/bag/NAME. When the run is over, `bow collect` brings the bags together.\n\n"
         "exit status: 0 the run is over, 1 failed, 2 wrong usage, 130 interrupted",
     )
@@ -46,7 +47,8 @@ def add_command(commands: Any) -> None:
         dest="joined",
         metavar="RUN",
         required=True,
-        help="identity of the run, 16 hexadecimal digits, as `bow sweep --network` prints it; or its directory",
+        help="identity of the run, 16 hexadecimal digits, as `bow sweep --network` prints it; or its directory; or "
+        "the graph of `bow up`, 8 digits",
     )
     parser.add_argument("--simulators", metavar="N", type=int, help="processes (default: one a core)")
     parser.add_argument(
@@ -104,7 +106,7 @@ def _identity(run: str) -> str:
     """
     from bow_sweep.run.directory import RunError, read_ledger
 
-    if RUN_ID.fullmatch(run):
+    if RUN_ID.fullmatch(run) or GRAPH_ID.fullmatch(run):
         return run
     if not Path(run).is_dir():
         raise RunError(f"--run {run}: should be the identity of a run, 16 hexadecimal digits, or a run directory")
@@ -112,7 +114,7 @@ def _identity(run: str) -> str:
 
 
 def _of_standing_graph(run_id: str) -> str:
-    """Return why no station can join, and what would do, where the graph of `bow up` has the run; "" otherwise."""
+    """Return what to join where the run is in the graph of `bow up`; "" otherwise."""
     from bow_sweep.processes.supervisor import GraphError
     from bow_sweep.run.places import find_place
     from bow_sweep.standing.state import PLACES, default_folder, read_state
@@ -124,11 +126,8 @@ def _of_standing_graph(run_id: str) -> str:
         return ""
     if state is None or find_place(folder / PLACES, run_id) is None:
         return ""
-    has = f"{state.stations} stations" if state.stations > 1 else "one station"
-    return (
-        f"this run is in the graph of `bow up`, which has {has} and takes no other: `bow up --stations N` divides it "
-        "from the beginning; a run that stations may join is begun by `bow sweep --own-graph`, or with --network"
-    )
+    graph = state.namespace.rpartition("/")[2]
+    return f"this run is in the graph of `bow up`: a station joins that, for all of its runs, by --run {graph}"
 
 
 def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> int:
@@ -141,6 +140,7 @@ def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> 
     from bow_sweep.run.lock import locked
 
     directory = args.out.absolute() / run_id
+    of, root = ("graph", args.out.absolute()) if GRAPH_ID.fullmatch(run_id) else ("run", None)
     display = Display()
     again = f"go on with: bow station {name} --run {shlex.quote(args.joined)}"
     new = not directory.exists()
@@ -149,7 +149,8 @@ def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> 
         directory.mkdir(parents=True, exist_ok=True)
         with locked(directory, f"station-{name}", not args.no_lock):
             bag = bag_folder(directory.resolve(), name)
-            display.print_line(f"station {name} of run {run_id}: {simulators} simulators -> {bag}")
+            where = root / "RUN_ID" / "bag" / name if root else bag
+            display.print_line(f"station {name} of {of} {run_id}: {simulators} simulators -> {where}")
             run_station(
                 bag.parent.parent,
                 run_id,
@@ -158,16 +159,21 @@ def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> 
                 display=display,
                 sync=not args.no_sync,
                 lock=not args.no_lock,
+                root=root,
             )
     except KeyboardInterrupt:
-        problem, status = f"interrupted; the run goes on without station {name}; {again}", INTERRUPTED
+        problem, status = f"interrupted; the {of} goes on without station {name}; {again}", INTERRUPTED
     except GraphError as error:
         problem, status = f"{error}\n{again}", FAILED
     except (RunError, OSError) as error:
         problem, status = f"station {name}: {error}", FAILED
     display.stop()
     kept = bag_files(bag_folder(directory, name))
-    if kept:
+    if root:
+        display.print_line(
+            f"to bring what is recorded to its run: bow collect RUN {socket.gethostname()}:{root}/RUN_ID"
+        )
+    elif kept:
         here = Path(args.joined).is_dir()
         run, where = (args.joined, str(directory)) if here else ("RUN", f"{socket.gethostname()}:{directory}")
         display.print_line(

@@ -279,7 +279,7 @@ def run_jobs(
                 )
                 for note in job.sweep.notes:
                     display.print_line(f"note: {note}")
-                if discovery.goes_beyond(os.environ):
+                if graph is None and discovery.goes_beyond(os.environ):
                     display.print_line(
                         f"other machines join with: {discovery.join_command(f'/bow/{job.run_id}', os.environ)}"
                     )

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
-from bow_sweep.cli.sweep import bounded, cores
+from bow_sim.graph import discovery
+from bow_sweep.cli.sweep import add_trust, bounded, cores
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.processes.exit_status import DONE, FAILED, USAGE
 from bow_sweep.processes.new_directory import RUNS
 
 UP = """Start a graph that stays in the background of this machine, until `bow down`. While it is there, `bow sweep`
 uses it: a sweep then does without the seconds in which a graph of its own starts and ends. It survives the end of the
-shell, listens on 127.0.0.1 only, and uses little CPU time while it waits. Each user has one graph on a machine; several
-clients are served one after the other."""
+shell, listens on 127.0.0.1 only unless there is --network, and uses little CPU time while it waits. Each user has one
+graph on a machine; several clients are served one after the other."""
 
 
 def add_command(commands: Any) -> None:
@@ -27,6 +29,7 @@ def add_command(commands: Any) -> None:
         epilog="examples:\n"
         "  bow up                                    one simulator a core\n"
         "  bow up --stations 4                       on a large machine: see docs, several machines\n"
+        "  bow up --network SUBNET                   stations of other machines may join: it prints how\n"
         "  bow sweep fig11d --nx 64 --ny 32          uses the graph, in any directory\n"
         "  bow status                                what the graph does\n"
         "  bow down                                  stops it\n\n"
@@ -49,6 +52,14 @@ def add_command(commands: Any) -> None:
         default=RUNS,
         help="where the runs of goals go that other ROS nodes send (default: runs); `bow sweep --out` may be anywhere",
     )
+    parser.add_argument(
+        "--network",
+        metavar="WHERE",
+        default="",
+        help="let stations of other machines join, for all runs: SUBNET, or their names or addresses. Others there can "
+        "send goals too then (default: this machine alone)",
+    )
+    add_trust(parser)
     parser.add_argument(
         "--no-dashboard", action="store_true", help="no dashboard node; sweeps then need --no-dashboard too"
     )
@@ -75,6 +86,10 @@ def _up(args: argparse.Namespace) -> int:
     from bow_sweep.standing.start import start
     from bow_sweep.standing.state import FILE, default_folder, read_state
 
+    try:
+        network = discovery.variables_for(args.network, args.trusted) if args.network else {}
+    except discovery.NetworkError as error:
+        return fail(f"--network {error}")
     number = bounded(wanted, cores())
     if number < wanted:
         warn(f"--simulators {wanted}: {number} are started, more do not start well here")
@@ -92,6 +107,7 @@ def _up(args: argparse.Namespace) -> int:
             root=args.root,
             dashboard=not args.no_dashboard,
             stations=min(args.stations, number),
+            network=network,
             say=warn,
         )
     except GraphError as error:
@@ -102,6 +118,9 @@ def _up(args: argparse.Namespace) -> int:
         f"the graph is ready: process {state.pid}, {state.simulators} simulators{divided}, {shown}, "
         f"in {state.namespace}"
     )
+    if network:
+        command = discovery.station_command(state.namespace.rpartition("/")[2], {**os.environ, **network})
+        print(f"stations of other machines join with: {command}")
     print("bow sweep uses it; bow status says what it does; bow down stops it")
     return DONE
 

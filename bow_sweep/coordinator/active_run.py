@@ -62,7 +62,7 @@ class ActiveRun:
     plan_at: float = 0.0
     map_at: float = float("-inf")
     _published_tests: int = field(default=-1, init=False)
-    _places: dict[int, np.ndarray | slice] = field(default_factory=dict, init=False)
+    _cells: dict[int, tuple[bytes, np.ndarray | slice]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.done_before = self.run.cells_in(State.DONE)
@@ -83,14 +83,20 @@ class ActiveRun:
             values["classifier"] == run.sweep.thresholds.hash
             and block < run.blocks.count
             and values["chunk"] < run.ledger.chunks
-            and values["cells"].tobytes() == run.blocks.block(block).tobytes()
+            and values["cells"].tobytes() == self._cells_of(block)[0]
         )
 
     def place_of(self, block: int) -> np.ndarray | slice:
         """Return where in the map the cells of a block are."""
-        if block not in self._places:
-            self._places[block] = place(self.run.blocks.block(block))
-        return self._places[block]
+        return self._cells_of(block)[1]
+
+    def _cells_of(self, block: int) -> tuple[bytes, np.ndarray | slice]:
+        """Return the cells of a block as they are in messages, and where in the map they are."""
+        known = self._cells.get(block)
+        if known is None:
+            cells = self.run.blocks.block(block)
+            known = self._cells[block] = cells.tobytes(), place(cells)
+        return known
 
     def plan_message(self, coordinator: str) -> bytes:
         """Return the Plan; `coordinator` is an incarnation."""

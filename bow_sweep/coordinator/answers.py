@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bow_sim.protocol import cdr
-from bow_sim.protocol.cdr_alike import Unsealer
+from bow_sim.protocol.cdr_alike import AlikeReader
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.active_run import ActiveRun
 from bow_sweep.run.ledger_events import Event, Judged, receipted
@@ -33,12 +33,12 @@ class AnswerReader:
     """Reads receipts and verdicts of all stations."""
 
     def __init__(self) -> None:
-        self._verdicts = Unsealer("Verdicts")
+        self._receipts, self._verdicts = AlikeReader("Receipt"), AlikeReader("Verdicts")
 
     def receipt(self, data: bytes, station: str, active: ActiveRun | None) -> Answer:
         """Return what a Receipt of a station says about the run in progress, if there is one."""
         try:
-            receipt = cdr.decode("Receipt", data)
+            receipt = self._receipts.read(data)
         except cdr.WireError:
             return IGNORED
         sender, entries = receipt["incarnation"], messages.receipt_entries(receipt)
@@ -51,7 +51,7 @@ class AnswerReader:
         if sender := cdr.hello_from("Verdicts", data):
             return Answer(sender, [])
         try:
-            verdict = self._verdicts.unseal(data)
+            verdict = self._verdicts.read(data)
         except cdr.WireError:
             return IGNORED
         if active is None or not active.is_mine(verdict):

@@ -6,6 +6,7 @@ import gc
 import threading
 import time
 from collections.abc import Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,7 @@ class CoordinatorNode(BowNode):
         self._image = self.create_publisher(Image, "basin_map/image", LATCHED)
         self._regimes = self.create_publisher(Image, "basin_map/regimes", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnosed = 0
         self._chooser = CellChooser(self, lambda: self._session.run)
         self._inboxes: dict[str, tuple[Inbox, Inbox]] = {}
         self._listen_to("")
@@ -208,7 +210,8 @@ class CoordinatorNode(BowNode):
 
     def receive_health(self) -> None:
         """Subscribe to heartbeats, which are taken together with the answers."""
-        self._heartbeats = Inbox(self, Health, self.topic("health"), HEARTBEATS, raw=False)
+        self._heartbeats = [Inbox(self, Health, topic, HEARTBEATS, raw=False) for topic in self.heartbeat_topics()]
+        self._by_hand = {inbox.subscription for inbox in self._heartbeats}
         self._heard: list[Event] = []
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
@@ -220,8 +223,7 @@ class CoordinatorNode(BowNode):
     @property
     def subscriptions(self) -> Iterator[Subscription]:
         """The subscriptions that the executor serves."""
-        by_hand = [inbox.subscription for pair in self._inboxes.values() for inbox in (self._heartbeats, *pair)]
-        return (each for each in super().subscriptions if each not in by_hand)
+        return (each for each in super().subscriptions if each not in self._by_hand)
 
     def _listen_to(self, station: str) -> None:
         """Subscribe to what recorder and classifier of a station answer."""
@@ -231,10 +233,11 @@ class CoordinatorNode(BowNode):
                 Inbox(self, Verdicts, f"{below}verdicts", STREAM),
                 Inbox(self, Receipt, f"{below}receipts", STREAM),
             )
+            self._by_hand.update(inbox.subscription for inbox in self._inboxes[station])
 
     def _arrived(self) -> Iterator[Event]:
         """Take what waits, and give one event after the other: each is dealt with before the next is looked at."""
-        for message in self._heartbeats.take(MOST_TAKEN):
+        for message in chain.from_iterable(inbox.take(MOST_TAKEN) for inbox in self._heartbeats):
             self._take_health(message)
             heard, self._heard = self._heard, []
             yield from heard
@@ -347,11 +350,11 @@ class CoordinatorNode(BowNode):
 
     def _publish_diagnostics(self) -> None:
         now, run, node, host = self.awake.now(), self._session.run, self.health.node, self.health.host
+        nodes = diagnostics.in_turn([*self._session.nodes.values()], self._diagnosed)
+        self._diagnosed += 1
         items = [
             diagnostics.health_of(self.health, True),
-            *diagnostics.nodes_health(
-                self._session.nodes.values(), lambda incarnation: self.neighbours.is_alive(incarnation, now)
-            ),
+            *diagnostics.nodes_health(nodes, lambda incarnation: self.neighbours.is_alive(incarnation, now)),
             diagnostics.sweep_of(node, host, self.health.run_id, run.accounts() if run else None),
             diagnostics.last_word(node, host, "goal", self._session.refused, "no goal was refused lately"),
             diagnostics.last_word(node, host, "inspection", self._chooser.problem, self._chooser.latest),

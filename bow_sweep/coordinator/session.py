@@ -135,7 +135,13 @@ class CoordinatorSession:
         return self._out
 
     def _take(self, event: Event) -> None:
-        match event:
+        match event:  # what comes most often stands first
+            case VerdictsReceived(data, station):
+                self._take_answer("verdicts", self._answers.verdicts(data, station, self._active))
+            case ReceiptReceived(data, station):
+                self._take_answer("receipts", self._answers.receipt(data, station, self._active))
+            case HealthReceived(message, neighbour):
+                self._take_health(message, neighbour)
             case RunGiven():
                 self._begin(event)
             case GoalAccepted():
@@ -145,12 +151,6 @@ class CoordinatorSession:
             case CancelRequested(goal):
                 if self._active is not None and self._active.goal == goal:
                     self._active.cancelled = True
-            case HealthReceived(message, neighbour):
-                self._take_health(message, neighbour)
-            case ReceiptReceived(data, station):
-                self._take_answer("receipts", self._answers.receipt(data, station, self._active))
-            case VerdictsReceived(data, station):
-                self._take_answer("verdicts", self._answers.verdicts(data, station, self._active))
             case ResultsWritten(problem=problem):
                 self._take_results(event, problem)
             case TimePassed():
@@ -284,7 +284,7 @@ class CoordinatorSession:
         if active is None or active.is_closing:
             return
         run = active.run
-        out = [item for event in events for item in run.ledger.handle(event, self._now)]
+        out = run.ledger.handle_all(events, self._now)
         if out:  # nothing follows from most answers
             self._entries += [item.entry for item in out if isinstance(item, ledger_events.Record)]
         for item in out:
@@ -346,7 +346,9 @@ class CoordinatorSession:
             return
         ready = self._stations.ready(active.run.run_id, self._now, None if heard is None else self._stations.of(heard))
         if ready and heard is None:
-            self._pool.release_stations(self._stations.gone(self._now))
+            gone = self._stations.gone(self._now)
+            self._pool.release_stations(gone)
+            self._apply(*map(ledger_events.StationLost, sorted(gone)))
         self._pool.check(self._now, may_join=bool(ready), only=heard, stations=ready)
         if heard is not None and not ready:
             return  # what is missing is said at the next tick

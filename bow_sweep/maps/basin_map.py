@@ -74,6 +74,7 @@ class Basin:
         self.nx, self.ny, self.tests = nx, ny, tests
         shape = (tests, (1 + repeats) * ny * nx)
         self.layers: dict[str, np.ndarray] = {name: field.array(shape) for name, field in VERDICT_FIELDS.items()}
+        self._pending = bytes([PENDING]) * shape[1]
         self._tested = np.zeros(shape[1], np.uint16)
         self._transient_periods = np.full(shape[1], np.nan, np.float32)
         self._first_passed = np.full(shape[1], tests, np.int32)  # test; `tests` = none yet
@@ -112,15 +113,15 @@ class Basin:
             Field -> (n,) values.
         """
         at = cells if isinstance(cells, slice) else place(cells)
-        regime = self.layers["regime"][test, at]
-        is_new = regime.min(initial=PENDING) == PENDING
+        before = self.layers["regime"][test, at].tobytes()  # bytes are compared and searched faster than arrays
         for name, layer in self.layers.items():
             layer[test, at] = verdict[name]
-        if not is_new:  # what this test gave before may have to be taken back
+        if before != self._pending[: len(before)]:  # what this test gave before may have to be taken back
             self._derive_new()
             self._derive(at)
-        elif regime.size:
-            self._tested[at] += self.layers["regime"][test, at] != PENDING
+        elif before:
+            regime = self.layers["regime"][test, at]
+            self._tested[at] += regime != PENDING if PENDING in regime.tobytes() else np.uint16(1)
             self._new.setdefault(test, []).append(at)
 
     def _derive_new(self) -> None:

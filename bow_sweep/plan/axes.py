@@ -18,10 +18,10 @@ from bow_sim.physics.instruments import SI
 from bow_sim.physics.kinds import MODEL, MODEL_NAMES, THRESHOLD, with_values
 from bow_sim.physics.parameters import TYPES, Parameters
 from bow_sim.physics.usual_axes import Span, rounded, scale_of, span
+from bow_sim.protocol.axis_names import check_name
 from bow_sim.protocol.sweep_spec import (
     VALUES,
     Axis,
-    check_name,
     check_names,
     in_full,
     read_values,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 
 from bow_sim.physics import body
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol.sweep_spec import STUDY_OVER, check_name, in_full
+from bow_sim.protocol.axis_names import StudyInsteadError, check_name
+from bow_sim.protocol.sweep_spec import in_full
 
 _STRING = {"string": "violin_a"}
 _UNITS = {**_STRING, "v_unit": "0.1"}
@@ -96,22 +96,24 @@ def study_instead(reason: str, preset: str, lines: Sequence[str], axes: Iterable
     axes
         The key, "x" or "y", and the parameter of each axis.
     """
-    overs, dropped = [], []
+    overs, dropped, command = [], [], ""
     for key, name in axes:
         try:
             check_name(key, name)
-        except ParameterError as error:
-            if found := re.search(f"{STUDY_OVER} ([^ ]+)", str(error)):
-                overs.append(_values(key, lines) or found[1])
-                dropped.append(key)
-    kept = [line for line in lines if _name(line).partition(".")[0] not in dropped]
-    if not overs or STUDY_OVER not in reason:
+        except StudyInsteadError as error:
+            overs.append(_values(key, lines) or error.over)
+            dropped.append(key)
+            command = error.command if reason == str(error) else command
+        except ParameterError:
+            pass
+    if not command:
         return reason
+    kept = [line for line in lines if _name(line).partition(".")[0] not in dropped]
     if any(over.startswith(("seed=", "jitter=")) for over in overs) and "repeats" not in {_name(line) for line in kept}:
         kept.append("repeats=8")  # without repeats neither has an effect
     words = ["bow", "study", *([preset] if preset else [])]
     words += [word for line in kept for word in ("--set", line)] + [word for over in overs for word in ("--over", over)]
-    return re.sub(f"{STUDY_OVER} [^ ]+", lambda _: shlex.join(words), reason)
+    return reason.removesuffix(command) + shlex.join(words)
 
 
 def _name(line: str) -> str:

@@ -7,6 +7,7 @@ interrupts       Ctrl-C and SIGTERM, noted and checked for
 shm_cleaner      removes the shared-memory files of processes that have exited
 supervisor       starts, restarts and stops the processes of a graph
 watchdog         which processes make no progress, and when that is too long
+observed         what the supervisor knows of its graph
 supervisor_node  the node of `bow sweep` itself
 launch_arguments reads the arguments of the launch files
 progress         the progress of a sweep on stderr

@@ -24,15 +24,24 @@ class _Process(NamedTuple):
 
 
 class Leader:
-    """The coordinator of the run that a station has joined.
+    """The coordinator of the run, or of the standing graph, that a station has joined.
+
+    Parameters
+    ----------
+    awaited
+        What brings back one that is away, for people.
 
     Attributes
     ----------
     has_ended
         It is known that the one that was heard last has ended, and no other was heard since.
+    has_left
+        It has ended by itself.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, awaited: str = "`bow sweep --resume RUN` on its machine") -> None:
+        self._awaited = awaited
+        self.has_left = False
         self._began: float | None = None
         self._heard: float | None = None
         self._process = _Process("", "", 0)
@@ -42,11 +51,12 @@ class Leader:
     def heard(self, incarnation: str, host: str, pid: int, now: float) -> None:
         """Take in a heartbeat of a coordinator."""
         self._process, self._heard, self.has_ended = _Process(incarnation, host, pid), now, ""
+        self.has_left = False
 
     def left(self, incarnation: str) -> None:
         """Take in the last word of a coordinator; that of one that was not in charge says nothing."""
         if incarnation == self._process.incarnation:
-            self.has_ended = "has ended"
+            self.has_ended, self.has_left = "has ended", True
 
     def died(self, host: str, pid: int, cause: str) -> None:
         """Take in what a supervisor reports of a coordinator's process."""
@@ -68,8 +78,8 @@ class Leader:
         if self._away and not before:
             why = self.has_ended or f"is not heard for {SILENT_S:g} s"
             return (
-                f"the coordinator {why}: this station waits for `bow sweep --resume RUN` on its machine, "
-                f"{LOST_S:g} s at most (Ctrl-C: it ends now)"
+                f"the coordinator {why}: this station waits for {self._awaited}, {LOST_S:g} s at most (Ctrl-C: it "
+                "ends now)"
             )
         return "the coordinator is heard again: this station goes on" if before and not self._away else ""
 

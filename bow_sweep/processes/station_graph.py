@@ -1,4 +1,4 @@
-"""The processes of `bow station` on this machine: simulators that join a run, with a recorder and a classifier."""
+"""The processes of `bow station` on this machine: simulators, a recorder and a classifier that join a graph."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ def run_station(
     display: Display,
     sync: bool = True,
     lock: bool = True,
+    root: Path | None = None,
 ) -> None:
-    """Be a station of a run until that closes.
+    """Be a station of a run until that closes, or of a standing graph until that ends.
 
     Parameters
     ----------
     directory
-        Directory for what the station records, in ``bag/STATION``; exists.
+        Directory for logs and, of a run, for what the station records, in ``bag/STATION``; exists.
     run_id, station
-        The run, and the name of the station.
+        The run or the graph, by the last part of its namespace, and the name of the station.
     simulators
         Number of simulator processes.
     display
@@ -39,6 +40,8 @@ def run_station(
         A block is done only when it is on the disk.
     lock
         Lock the bag.
+    root
+        Of a standing graph, the directory in which each run has one, named by it, with ``bag/STATION``; None for a run.
 
     Raises
     ------
@@ -48,9 +51,10 @@ def run_station(
         After Ctrl-C or SIGTERM; all processes have been stopped in order.
     """
     parameters: dict[str, dict[str, object]] = {
-        "recorder": {"run_dir": str(directory), "sync": sync, "lock": lock},
+        "recorder": {"sync": sync, "lock": lock},
         "simulator": {"inspect": [SPREAD]},
     }
+    parameters["recorder"] |= {"runs_dir": str(root)} if root else {"run_dir": str(directory)}
     supervisor = Supervisor(f"/bow/{run_id}", directory / LOGS, parameters)
     gc.disable()  # no garbage arises while modules are imported
     with Interrupts("leaving the run; a few seconds") as interrupts:
@@ -68,7 +72,7 @@ def run_station(
             from bow_sweep.processes.station_watch import watch_station  # load_ros has loaded ROS
 
             gc.enable()
-            watch_station(supervisor, station, display, interrupts)
+            watch_station(supervisor, station, display, interrupts, stays=root is not None)
         finally:
             # All at once: what is under way is computed again by others, and the recorder needs its time.
             killed = supervisor.stop(idle=True)

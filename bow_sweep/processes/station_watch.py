@@ -13,6 +13,8 @@ from bow_sim.graph.node_process import exit_after, leave
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sim.protocol.states import NodeState
 from bow_sweep.processes.interrupts import Interrupts
+from bow_sweep.processes.leader import Leader
+from bow_sweep.processes.observed import NO_RUN
 from bow_sweep.processes.progress import Display
 from bow_sweep.processes.supervisor import GraphError, Supervisor
 from bow_sweep.processes.supervisor_node import (
@@ -50,8 +52,25 @@ class StationNode(SupervisorNode):
             self._seen.details[message.role] = message.detail
 
 
-def watch_station(supervisor: Supervisor, station: str, display: Display, interrupts: Interrupts) -> None:
+class StandingStationNode(StationNode):
+    """As the supervisor of a station of one run, but the run changes."""
+
+    def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
+        """Take in a heartbeat; begin to watch another run when the coordinator has one."""
+        if message.role == "coordinator" and neighbour is not None:
+            self._seen.follow(message.run_id)
+        super().on_health(message, neighbour)
+
+
+def watch_station(
+    supervisor: Supervisor, station: str, display: Display, interrupts: Interrupts, stays: bool = False
+) -> None:
     """Show the progress of the run until it closes and the bag of the station is closed.
+
+    Parameters
+    ----------
+    stays
+        The station is of a standing graph, for all of its runs, until that ends.
 
     Raises
     ------
@@ -62,18 +81,20 @@ def watch_station(supervisor: Supervisor, station: str, display: Display, interr
     """
     apply_defaults()
     gc.freeze()  # modules stay loaded: collections need not look at them
-    run_id = supervisor.namespace.rpartition("/")[2]
-    graph = Connection(supervisor, run_id, StationNode, station)
+    run_id = NO_RUN if stays else supervisor.namespace.rpartition("/")[2]
+    graph = Connection(supervisor, run_id, StandingStationNode if stays else StationNode, station)
+    if stays:
+        graph.seen.leader = Leader("its graph to start it again")
     try:
         graph.join()
-        _watch(supervisor, graph, display, interrupts)
+        _watch(supervisor, graph, display, interrupts, stays)
     finally:
         graph.leave()
         leave()
         exit_after(0)
 
 
-def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
+def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts, stays: bool) -> None:
     restarts: Counter[str] = Counter()
     seen = graph.seen
     closed_at = None
@@ -91,15 +112,18 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
                 return
         if seen.failed:
             raise GraphError(seen.failed)
+        if stays and seen.leader.has_left:
+            display.print_line("the graph has ended")
+            return
         if not seen.closed:
-            _look_after_run(supervisor, graph, now, display, restarts)
+            _look_after_run(supervisor, graph, now, display, restarts, stays)
         heard = seen.leader.was_heard
         waiting = seen.details.get("coordinator", "") if heard else f"the coordinator, in {supervisor.namespace}"
         display.show(seen.progress, waiting, time.monotonic())
 
 
 def _look_after_run(
-    supervisor: Supervisor, graph: Connection, now: float, display: Display, restarts: Counter[str]
+    supervisor: Supervisor, graph: Connection, now: float, display: Display, restarts: Counter[str], stays: bool
 ) -> None:
     """Wait for a coordinator that is away; restart processes that are not heard while it is there.
 
@@ -118,4 +142,4 @@ def _look_after_run(
     if seen.leader.is_away(now):
         seen.watchdog.pause(now)
     else:
-        restart_unresponsive(supervisor, seen, display.print_line, restarts)
+        restart_unresponsive(supervisor, seen, display.print_line, restarts, stays)

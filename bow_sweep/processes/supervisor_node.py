@@ -8,7 +8,6 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 import rclpy
@@ -24,10 +23,10 @@ from bow_sim.graph.discovery import apply_defaults
 from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
 from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
-from bow_sim.protocol.neighbours import CONSUMERS, AwakeClock, Neighbour
+from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sim.protocol.stations import namespace_of, station_of
 from bow_sweep.processes.interrupts import Interrupts
-from bow_sweep.processes.leader import Leader
+from bow_sweep.processes.observed import Observed
 from bow_sweep.processes.progress import Display, Progress
 from bow_sweep.processes.supervisor import SPECTATORS, Exit, GraphError, Supervisor, tail
 from bow_sweep.processes.watchdog import RESTARTS, STALL_S, UNHEARD_S, Watchdog, usage
@@ -39,63 +38,8 @@ SUSPENDED_S = 5.0
 LOOK_S = 0.1
 """Least time between two looks at what each process uses: most messages need none."""
 
-MENTIONED_S = 5.0
-"""What the coordinator waits for in the middle of a sweep is printed when it lasts longer."""
-
 NEWS = ("refuses blocks", "waiting for the dashboard")
 """Health details that begin so are printed. They last: of two heartbeats at once only the second is sure to arrive."""
-
-
-@dataclass
-class Observed:
-    """What the supervisor has learned of the graph. It outlives the node, which may have to be made again.
-
-    Attributes
-    ----------
-    watchdog
-        Decides which processes make no progress.
-    awake
-        The clock of the watchdog.
-    progress
-        How far the sweep is, from the latest map; None before the first.
-    failed
-        Why recorder or classifier cannot go on; "" otherwise.
-    details, states
-        Role -> detail and state of its latest heartbeat.
-    news
-        Lines for the user -> whether the line is still to be printed.
-    ours
-        Process numbers of the supervisor's children.
-    heard
-        Those of them whose heartbeats have arrived.
-    closed
-        The plan is closed: nothing more will be simulated.
-    leader
-        The coordinator on another machine; for a station.
-    waits
-        What the coordinator waits for, and since when.
-    """
-
-    watchdog: Watchdog
-    awake: AwakeClock = field(default_factory=AwakeClock)
-    progress: Progress | None = None
-    failed: str = ""
-    details: dict[str, str] = field(default_factory=dict)
-    states: dict[str, int] = field(default_factory=dict)
-    news: dict[str, bool] = field(default_factory=dict)
-    ours: set[int] = field(default_factory=set)
-    heard: set[int] = field(default_factory=set)
-    closed: bool = False
-    leader: Leader = field(default_factory=Leader)
-    waits: tuple[str, float] = ("", 0.0)
-
-    def note_waiting(self, what: str, now: float) -> None:
-        """Print what the coordinator waits for in the middle of a sweep; before the first map, the display shows it."""
-        if what != self.waits[0]:
-            self.waits = (what, now)
-            self.news.pop(what, None)
-        elif what and self.progress is not None and now - self.waits[1] > MENTIONED_S:
-            self.news.setdefault(what, True)
 
 
 class SupervisorNode(BowNode):
@@ -105,7 +49,7 @@ class SupervisorNode(BowNode):
         super().__init__("supervisor", name, context=context)
         self._seen = seen
         # Depth 100: the publisher of heartbeats keeps one message, the last of several exits.
-        self._exits = self.create_publisher(Health, self.topic("health"), LATCHED_DEEP)
+        self._exits = self.publish_heartbeats(LATCHED_DEEP)
         self.create_subscription(BasinMap, self.topic("basin_map"), self._on_map, LATCHED, raw=True)
         self.create_subscription(Plan, self.topic("plan"), self._on_plan, LATCHED_DEEP, raw=True)
         self.set_state(Health.READY)
@@ -168,7 +112,8 @@ class SupervisorNode(BowNode):
             detail=exit_.cause,
         )
         message.stamp = self.wall_time()
-        self._exits.publish(message)
+        for publisher in self._exits:
+            publisher.publish(message)
 
 
 def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:

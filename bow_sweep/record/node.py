@@ -25,7 +25,7 @@ from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import SILENT_S, Neighbour
 from bow_sim.protocol.states import PlanState
-from bow_sim.protocol.stations import station_of
+from bow_sim.protocol.stations import HEALTH, station_of
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import BagError, bag_folder
 from bow_sweep.record.session import COMMIT_S, AlreadyClosedError, Session, log_name
@@ -108,7 +108,8 @@ class RecorderNode(BowNode):
             if topic.name == "verdicts":  # taken every 20 ms: nothing of them is answered sooner
                 self._verdicts, self._take_verdicts = Inbox(self, kind, name, qos), self._taker(topic, kind)
             elif topic.name not in ("plan", "receipts"):  # the session writes our receipts
-                self.create_subscription(kind, name, self._taker(topic, kind), qos, raw=True)
+                for each in self.heartbeat_topics() if topic.name == HEALTH else (name,):
+                    self.create_subscription(kind, each, self._taker(topic, kind), qos, raw=True)
         self.every(COMMIT_S, self._tick)
         self.set_state(Health.READY, "waits for a plan")
 
@@ -118,7 +119,7 @@ class RecorderNode(BowNode):
         return (each for each in super().subscriptions if each is not self._verdicts.subscription)
 
     def _taker(self, topic: Topic, kind: type) -> Callable[[bytes], None]:
-        checked = topic.name in ("health", "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
+        checked = topic.name in (HEALTH, "basin_map/image", "basin_map/regimes", "/diagnostics", "/rosout")
         sealed = STORED_ONCE.get(topic.name, "")
 
         def take(data: bytes) -> None:
@@ -145,7 +146,7 @@ class RecorderNode(BowNode):
             return False
         try:
             message = deserialize_message(data, kind)
-            if topic.name == "health":
+            if topic.name == HEALTH:
                 return self.concerns(message.role, message.node)
             if topic.name == "/diagnostics":  # all graphs of a domain share it
                 nodes = [status.name.partition(":")[0] for status in message.status]

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from bow_sim.protocol.stations import named
+from bow_sweep.run.ledger_block import Block, Checksums
 from bow_sweep.run.ledger_events import (
+    AnswerEvent,
     ConsumerRestarted,
     Dispatch,
     Event,
@@ -38,11 +39,9 @@ from bow_sweep.run.ledger_events import (
     SimulatorReady,
     SimulatorReturned,
     State,
+    StationLost,
     Tick,
 )
-
-SUSPECT_CRASHES = 2
-"""A block during which this many simulators crashed is sent only to simulators that hold no other block."""
 
 POISON_CRASHES = 3
 """A block that was the only one in flight at a simulator in this many crashes is quarantined."""
@@ -55,58 +54,6 @@ DISK_S = 300.0
 
 STALE_S = 6.0
 """Seconds without an acknowledgement after which a block is due again that no simulator holds any more."""
-
-
-class _Checksums(NamedTuple):
-    streams: int
-    verdicts: int
-
-
-@dataclass
-class _Block:
-    state: State = State.DUE
-    attempt: int = 0
-    crashes: int = 0
-    crashes_alone: int = 0
-    touched: float = 0.0
-    station: str = ""
-    on_disk: bool = False
-    streams: dict[int, int] = field(default_factory=dict)
-    judged: dict[int, _Checksums] = field(default_factory=dict)
-    verdicts: dict[int, int] = field(default_factory=dict)
-    judged_before: dict[int, _Checksums] = field(default_factory=dict)  # by the stations that had it before
-
-    def count_crash(self, alone: bool, by: int = 1) -> None:
-        self.crashes = max(0, self.crashes + by)
-        self.crashes_alone = max(0, self.crashes_alone + alone * by)
-
-    @property
-    def suspect(self) -> bool:
-        return self.crashes >= SUSPECT_CRASHES
-
-    def discard_answers(self) -> None:
-        for answers in (self.streams, self.judged, self.verdicts):
-            answers.clear()
-        self.on_disk = False
-
-    def move(self, station: str) -> None:
-        """Have it belong to another station; what the others judged must still be equal."""
-        self.judged_before.update(self.judged)
-        self.discard_answers()
-        self.station = station
-
-    def contradiction(self, chunk: int) -> str:
-        """Return which checksums of a chunk differ, or ""."""
-        judged = self.judged.get(chunk)
-        if judged is None:
-            return ""
-        for what, receipt, verdict in (
-            ("streams", self.streams.get(chunk), judged.streams),
-            ("verdicts", self.verdicts.get(chunk), judged.verdicts),
-        ):
-            if receipt is not None and receipt != verdict:
-                return f"chunk {chunk}: {what} recorded as {receipt:016x}, judged as {verdict:016x}"
-        return ""
 
 
 class Ledger:
@@ -138,7 +85,7 @@ class Ledger:
         self.chunks = chunks
         self.recorded = range(chunks) if recorded is None else recorded
         self.epoch = self.announced = 1
-        self.blocks = [_Block() for _ in range(blocks)]
+        self.blocks = [Block() for _ in range(blocks)]
         self.in_flight: dict[str, list[int]] = {}
         self._station: dict[str, str] = {}  # of each simulator
         self._blamed: dict[str, tuple[int, bool]] = {}  # simulator that was lost -> suspect block, and if it was alone
@@ -208,28 +155,39 @@ class Ledger:
 
     def handle(self, event: Event, now: float) -> list[Instruction]:
         """Take in an event at `now` (seconds, any origin) and return what to do, in order."""
+        return self.handle_all([event], now)
+
+    def handle_all(self, events: Iterable[Event], now: float) -> list[Instruction]:
+        """Take in, in their order, several events, as :meth:`handle` does."""
         out: list[Instruction] = []
-        match event:
-            case Judged(number, chunk, chunk_checksum, checksum, station):
-                if self._concerns(number, chunk, station):
-                    checksums, block = _Checksums(chunk_checksum, checksum), self.blocks[number]
-                    differs = block.judged.setdefault(chunk, checksums) != checksums
-                    differs |= block.judged_before.get(chunk, checksums) != checksums
-                    self._answered(number, chunk, differs, now, out)
-            case Receipted(number, chunk, checksum, verdicts, station):
-                if self._concerns(number, chunk, station) and (verdicts or chunk in self.recorded):
-                    block = self.blocks[number]
-                    answers = block.verdicts if verdicts else block.streams
-                    differs = answers.setdefault(chunk, checksum) != checksum
-                    self._answered(number, chunk, differs, now, out)
-            case OnDisk(number, station):
-                if self._concerns(number, 0, station) and not self.blocks[number].on_disk:  # it is said again and again
-                    self.blocks[number].on_disk = True
-                    self._answered(number, 0, False, now, out)
-            case _:
+        for event in events:
+            if isinstance(event, (Receipted, Judged, OnDisk)):
+                self._answer(event, now, out)
+            else:
                 self._change(event, now, out)
                 self._dispatch_due(now, out)  # an answer frees no simulator and makes no block due
         return out
+
+    def _answer(self, answer: AnswerEvent, now: float, out: list[Instruction]) -> None:
+        """Take in an answer on a chunk or a block, in the fewest steps: there are thousands in a second."""
+        if isinstance(answer, Receipted):
+            number, chunk, checksum, of_verdicts, station = answer
+            if self._concerns(number, chunk, station) and (of_verdicts or chunk in self.recorded):
+                block = self.blocks[number]
+                receipts = block.verdicts if of_verdicts else block.streams
+                self._answered(number, chunk, receipts.setdefault(chunk, checksum) != checksum, now, out)
+        elif isinstance(answer, Judged):
+            number, chunk, chunk_checksum, checksum, station = answer
+            if self._concerns(number, chunk, station):
+                checksums, block = Checksums(chunk_checksum, checksum), self.blocks[number]
+                differs = block.judged.setdefault(chunk, checksums) != checksums
+                differs |= block.judged_before.get(chunk, checksums) != checksums
+                self._answered(number, chunk, differs, now, out)
+        else:
+            number, station = answer
+            if self._concerns(number, 0, station) and not self.blocks[number].on_disk:  # it is said again and again
+                self.blocks[number].on_disk = True
+                self._answered(number, 0, False, now, out)
 
     def _change(self, event: Event, now: float, out: list[Instruction]) -> None:
         """Take in an event that is no answer on a chunk or a block."""
@@ -251,9 +209,13 @@ class Ledger:
                     self._make_due(number, why, out)
             case ConsumerRestarted(role, station):
                 self._restart(role, station, out)
+            case StationLost(station):
+                for number in self._not_held():
+                    if self.blocks[number].state is State.DISPATCHED and self.blocks[number].station == station:
+                        self._make_due(number, "the recorder or classifier of its station has gone", out)
             case Grown(blocks):
                 fresh = range(len(self.blocks), blocks)
-                self.blocks += [_Block() for _ in fresh]
+                self.blocks += [Block() for _ in fresh]
                 self._open.update(fresh)
                 self._due = sorted([*self._due, *fresh])
             case Tick():
@@ -299,7 +261,7 @@ class Ledger:
         elif block.on_disk and self._all_answered(block):
             self._settle(number, State.DONE, "", out)
 
-    def _all_answered(self, block: _Block) -> bool:
+    def _all_answered(self, block: Block) -> bool:
         streams = len(block.streams) == len(self.recorded)
         return streams and len(block.judged) == len(block.verdicts) == self.chunks
 
@@ -350,9 +312,12 @@ class Ledger:
         else:
             self._restarted[station] = self.epoch
 
+    def _not_held(self) -> list[int]:
+        """Return the outstanding blocks that no simulator has in flight."""
+        return sorted(self._open.difference(*self.in_flight.values()))
+
     def _expire(self, now: float, out: list[Instruction]) -> None:
-        held = {number for blocks in self.in_flight.values() for number in blocks}
-        for number in sorted(self._open - held):
+        for number in self._not_held():
             block = self.blocks[number]
             patience = DISK_S if self._all_answered(block) else STALE_S
             if block.state is State.DISPATCHED and now - block.touched > patience:

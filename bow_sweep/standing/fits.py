@@ -42,8 +42,9 @@ def objection(
     domain = os.environ.get(discovery.DOMAIN, "").strip() or "0"
     if domain != state.domain:
         return f"it is in domain {state.domain}, {discovery.DOMAIN} is {domain} here"
-    if discovery.goes_beyond(os.environ):
-        return "it is for this machine alone, and other machines are asked for"
+    if discovery.goes_beyond(os.environ) and discovery.network_of(os.environ) != state.network:
+        reach = "other machines than those that are asked for" if state.network else "this machine alone"
+        return f"it is for {reach}; bow up --network says for which"
     if watched:
         return "it has no viewer: --view and --port need a graph of their own"
     if dashboard and not state.dashboard:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.states import NodeState
+from bow_sim.protocol.stations import HEALTH, STATION_HEALTH
 from bow_sweep.standing.state import State
 
 if TYPE_CHECKING:
@@ -63,6 +65,7 @@ class Listener:
         from bow_sim.graph.discovery import apply_defaults
         from bow_sim.graph.node_base import LATCHED_DEEP
 
+        os.environ.update(state.network)
         apply_defaults()
         self.state = state
         self.nodes: dict[str, Seen] = {}
@@ -80,7 +83,8 @@ class Listener:
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._node.create_subscription(Health, "health", self._on_health, LATCHED_DEEP)
+        for topic in (HEALTH, STATION_HEALTH):
+            self._node.create_subscription(Health, topic, self._on_health, LATCHED_DEEP)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
 

@@ -113,6 +113,7 @@ def _keep(folder: Path, options: dict[str, Any]) -> None:
         dashboard=options["dashboard"],
         root=root,
         stations=options["stations"],
+        network=options["network"],
     )
     stations = numbered(options["stations"])
     gc.disable()  # no garbage arises while modules are imported

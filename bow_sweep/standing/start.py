@@ -8,8 +8,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from bow_sim.graph import discovery
 from bow_sweep.processes.roles import CHILD
@@ -36,6 +37,7 @@ def start(
     dashboard: bool = True,
     owned: bool = False,
     stations: int = 1,
+    network: Mapping[str, str] = MappingProxyType({}),
     say: Callable[[str], None] = lambda _: None,
 ) -> tuple[State, subprocess.Popen[bytes]]:
     """Start a graph in the background, and wait until it is ready.
@@ -56,6 +58,8 @@ def start(
         The graph ends when this process ends, or closes the stdin of the graph's process.
     stations
         Number of stations among which the simulators are divided, see :mod:`bow_sim.protocol.stations`.
+    network
+        Variables that extend the graph to other machines, as :func:`bow_sim.graph.discovery.variables_for` gives them.
     say
         Takes a line for the user where it takes long.
 
@@ -69,10 +73,11 @@ def start(
     GraphError
         Where it cannot start.
     """
-    if discovery.goes_beyond(os.environ):
+    if not network and discovery.goes_beyond(os.environ):
         given = (discovery.RANGE, discovery.PEERS, discovery.SERVER)
         names = " or ".join(name for name in given if os.environ.get(name))
-        raise GraphError(f"a standing graph is for this machine alone, and {names} extends it to others: unset it")
+        right = "unset it, or say so with bow up --network"
+        raise GraphError(f"a standing graph is for this machine alone, and {names} extends it to others: {right}")
     make_folder(folder)
     log = folder / LOGS / MAIN_LOG
     options = {
@@ -82,6 +87,7 @@ def start(
         "dashboard": dashboard,
         "owned": owned,
         "stations": stations,
+        "network": dict(network),
     }
     packages = str(Path(__file__).parents[2])
     with open(log, "wb") as output:
@@ -90,7 +96,7 @@ def start(
             stdin=subprocess.PIPE if owned else subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            env={**os.environ, **network, "PYTHONUNBUFFERED": "1"},
             cwd=folder,
             start_new_session=True,
         )

@@ -10,7 +10,7 @@ import json
 import os
 import socket
 import stat
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 from bow_sim.atomic_files import replacing
@@ -53,6 +53,8 @@ class State:
         Directory of the runs of goals that have no place of their own.
     stations
         Among how many stations its simulators are divided.
+    network
+        Variables of the environment that extend it to other machines; empty for this machine alone.
     """
 
     pid: int
@@ -67,6 +69,7 @@ class State:
     dashboard: bool
     root: str
     stations: int = 1
+    network: dict[str, str] = field(default_factory=dict)
 
     @property
     def is_alive(self) -> bool:
@@ -138,7 +141,7 @@ def read_state(folder: Path) -> State | None:
     if about.st_uid != os.getuid() or about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise GraphError(f"{folder}: others can write it; should be a folder that only this user can write")
     try:
-        state = State(**{field.name: content[field.name] for field in fields(State) if field.name in content})
+        state = State(**{each.name: content[each.name] for each in fields(State) if each.name in content})
     except (KeyError, TypeError):
         return None
     return state if state.is_alive else None

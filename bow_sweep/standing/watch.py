@@ -14,12 +14,9 @@ from bow_sim.graph.discovery import apply_defaults
 from bow_sim.graph.node_process import exit_after, leave
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.processes.interrupts import Interrupts
+from bow_sweep.processes.observed import NO_RUN
 from bow_sweep.processes.supervisor import SPECTATORS, Supervisor
 from bow_sweep.processes.supervisor_node import Connection, SupervisorNode, restart_unresponsive
-from bow_sweep.processes.watchdog import Watchdog
-
-NO_RUN = "-"
-"""In place of a run, between two: nobody is late then, however long it takes. Heartbeats are watched all the same."""
 
 LOOK_S, LOOK_IDLE_S = 0.05, 0.5
 """Between two looks at the processes, while a run is in progress and between two runs."""
@@ -30,11 +27,9 @@ class StandingNode(SupervisorNode):
 
     def on_health(self, message: Health, neighbour: Neighbour | None) -> None:
         """Take in a heartbeat; begin to watch another run when the coordinator has one."""
-        seen, run = self._seen, message.run_id or NO_RUN
-        ours = message.host == self.health.host and message.pid in seen.ours
-        if ours and message.role == "coordinator" and message.state != Health.DEAD and run != seen.watchdog.run_id:
-            worked, seen.watchdog = seen.watchdog.worked, Watchdog(run)
-            seen.watchdog.worked |= worked
+        ours = message.host == self.health.host and message.pid in self._seen.ours
+        if ours and message.role == "coordinator" and message.state != Health.DEAD:
+            self._seen.follow(message.run_id)
         super().on_health(message, neighbour)
 
 

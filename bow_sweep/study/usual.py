@@ -8,7 +8,8 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.kinds import MODEL, MODEL_NAMES, THRESHOLD
 from bow_sim.physics.parameters import TYPES
 from bow_sim.physics.usual_axes import Span, span
-from bow_sim.protocol.sweep_spec import Axis, check_name
+from bow_sim.protocol.axis_names import check_name
+from bow_sim.protocol.sweep_spec import Axis
 from bow_sweep.plan.axes import THRESHOLDS, of_threshold
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.study.over import OVER_FORM, PRESET, RANGE_FORM, Over, Range, over_of, range_of

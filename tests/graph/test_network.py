@@ -28,7 +28,7 @@ from graph import (
     sweeping,
     verified,
 )
-from machines import ADDRESSES, FAR, NEAR, Machines, machines
+from machines import ADDRESSES, FAR, NEAR, Machines
 
 from bow_sweep.run.ledger_file import done_at
 
@@ -43,19 +43,6 @@ LOOK = "import sys, rclpy; from bow_sim.graph import discovery; discovery.apply_
     "print(*[f'{space}/{name}' for name, space in node.get_node_names_and_namespaces()])"
 )
 """Prints the nodes that are discovered within some seconds."""
-
-
-@pytest.fixture
-def two(monkeypatch: pytest.MonkeyPatch) -> Iterator[Machines]:
-    """Two machines joined by a cable."""
-    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)
-    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")  # as users have it
-    with contextlib.ExitStack() as stack:
-        try:
-            made = stack.enter_context(machines())
-        except OSError as error:
-            pytest.skip(f"this user cannot make network namespaces (unshare, nsenter, ip): {error}")
-        yield made
 
 
 def computed_by(run: Path) -> Counter[str]:

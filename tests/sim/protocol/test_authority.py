@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from bow_sim.protocol.authority import Authority
+from bow_sim.protocol.authority import MOST_CLOSED, Authority
 from bow_sim.protocol.states import PlanState
 
 RUN, OTHER_RUN = "a" * 16, "b" * 16
@@ -80,6 +80,19 @@ def test_a_bag_of_a_run_that_was_closed_is_not_obeyed_when_no_run_is_in_progress
         for state in (PlanState.OPEN, PlanState.CLOSED):
             assert "over" in authority.objection(plan(epoch=epoch, state=state))
     assert authority.objection(plan(epoch=4)) == ""  # it is resumed
+
+
+def test_of_the_runs_that_were_closed_the_latest_are_remembered(authority: Authority) -> None:
+    runs = [f"{number:016x}" for number in range(MOST_CLOSED + 1)]
+    assert authority.objection(plan(state=PlanState.CLOSED)) == ""
+    for run in runs:
+        assert authority.objection(plan(run)) == ""
+        assert authority.objection(plan(run, state=PlanState.CLOSED)) == ""
+    assert all("over" in authority.objection(plan(run)) for run in runs[1:])
+    assert len(authority._closed) == MOST_CLOSED
+    assert authority.objection(plan(runs[1], epoch=2, state=PlanState.CLOSED)) == ""  # resumed: the latest again
+    assert authority.objection(plan(state=PlanState.CLOSED, epoch=2)) == ""
+    assert "over" in authority.objection(plan(runs[1], epoch=2))
 
 
 def test_where_no_run_is_in_progress_any_plan_is_obeyed(authority: Authority) -> None:

@@ -12,7 +12,16 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from bow_sim.protocol.neighbours import LEFT
 from bow_sim.protocol.states import NodeState
-from bow_sweep.coordinator.diagnostics import Level, health_of, last_word, nodes_health, sweep_of
+from bow_sweep.coordinator.diagnostics import (
+    MOST_AT_ONCE,
+    TURNS,
+    Level,
+    health_of,
+    in_turn,
+    last_word,
+    nodes_health,
+    sweep_of,
+)
 from bow_sweep.coordinator.standard_messages import diagnostics_message
 
 
@@ -48,6 +57,15 @@ def test_a_node_that_is_not_heard_any_more_shows_its_last_word() -> None:
 def test_a_node_that_has_ended_by_itself_is_not_shown() -> None:
     assert nodes_health([health(NodeState.CLOSED, LEFT)], lambda _: False) == []
     assert len(nodes_health([health(NodeState.CLOSED, "bag is closed")], lambda _: True)) == 1
+
+
+@pytest.mark.parametrize(("count", "turns"), [(0, 1), (3, 1), (MOST_AT_ONCE, 1), (MOST_AT_ONCE + 1, 2), (1024, TURNS)])
+def test_of_many_nodes_some_are_published_at_a_time_and_each_within_some_turns(count: int, turns: int) -> None:
+    nodes = list(range(count))
+    for first in range(5):
+        shown = [in_turn(nodes, turn) for turn in range(first, first + turns)]
+        assert sorted(node for some in shown for node in some) == nodes
+        assert max(map(len, shown)) <= max(MOST_AT_ONCE, -(-count // TURNS))
 
 
 def test_cells_that_were_given_up_are_a_warning() -> None:

@@ -119,6 +119,29 @@ def test_a_block_is_done_by_the_answers_of_its_station(world: TwoStations) -> No
     assert '"station": "lab"' in (world.run.directory / "ledger.jsonl").read_text()
 
 
+def test_a_block_that_only_waits_for_the_disk_of_a_station_that_is_cut_off_is_due(
+    world: TwoStations,
+) -> None:
+    world.beat(*LAB)
+    first, *_ = taken = [(block["block"], block["attempt"]) for block in world.sent()]
+    world.nodes["lab/simulator"].held = list(taken)
+    world.beat(*LAB, state=NodeState.BUSY)
+    for chunk in range(SWEEP.chunks):
+        data = verdicts(world.run, first[0], chunk)
+        judged = cdr.unseal("Verdicts", data)
+        both = [(ReceiptKind.STREAMS, judged["chunk_checksum"]), (ReceiptKind.VERDICTS, judged["checksum"])]
+        world.do(VerdictsReceived(data, "lab"))
+        world.do(ReceiptReceived(receipt(world.run, [(kind, first[0], chunk, sum_) for kind, sum_ in both]), "lab"))
+    world.nodes["lab/simulator"].held.remove(first)
+    world.beat("lab/simulator", state=NodeState.BUSY)
+    block = world.run.ledger.blocks[first[0]]
+    assert block.state is State.DISPATCHED
+    for _ in range(10):
+        world.tick(1.0)
+        world.beat(*ATTIC)
+    assert block.state is State.DUE, "it goes to attic, whose simulator has two already"
+
+
 def test_the_work_of_a_station_without_its_recorder_goes_to_the_other_and_what_it_holds_is_void(
     world: TwoStations,
 ) -> None:

@@ -19,7 +19,8 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.instruments import SI
 from bow_sim.physics.parameters import FIELDS, SWEEPABLE
 from bow_sim.physics.usual_axes import USUAL, usual
-from bow_sim.protocol.sweep_spec import WHY_NOT, Axis
+from bow_sim.protocol.axis_names import WHY_NOT
+from bow_sim.protocol.sweep_spec import Axis
 from bow_sweep.cli.parser import parser
 from bow_sweep.maps.in_process import compute
 from bow_sweep.plan.axes import THRESHOLDS

@@ -50,9 +50,17 @@ def test_its_end_is_known_at_once_by_its_own_last_word_or_its_supervisors(leader
         assert not leader.is_away(10.0)
         leader.died(*FIRST[1:], "killed by SIGKILL")
     assert leader.is_away(10.0)
+    assert leader.has_left == (how == "left")
     assert "has ended" in leader.news(10.0)
     assert leader.lost(10.0 + LOST_S) == ""
     assert "has ended" in leader.lost(10.1 + LOST_S)
     leader.heard(*SECOND, 30.0)
     assert not leader.is_away(30.0)
+    assert not leader.has_left
     assert "goes on" in leader.news(30.0)
+
+
+def test_it_says_what_brings_the_coordinator_back() -> None:
+    leader = Leader("its graph to start it again")
+    leader.heard(*FIRST, 1.0)
+    assert "this station waits for its graph to start it again, 120 s at most" in leader.news(2.0 + SILENT_S)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from bow_sim.protocol.recording import recorded_chunks
 from bow_sweep.run import ledger as L  # noqa: N812  # events read better as L.Finished
 from bow_sweep.run.ledger import Ledger, State
+from bow_sweep.run.ledger_block import SUSPECT_CRASHES
 
 CHUNKS = 3
 
@@ -19,14 +20,14 @@ def verdict_sum(block: int, chunk: int) -> int:
     return 500_000 + 1000 * block + chunk
 
 
-def answer(ledger: Ledger, block: int, now: float = 0.0, station: str = "") -> list:
+def answer(ledger: Ledger, block: int, now: float = 0.0, station: str = "", on_disk: bool = True) -> list:
     out = []
     for chunk in range(CHUNKS):
         streams, verdicts = chunk_sum(block, chunk), verdict_sum(block, chunk)
         out += ledger.handle(L.Receipted(block, chunk, streams, False, station), now)
         out += ledger.handle(L.Judged(block, chunk, streams, verdicts, station), now)
         out += ledger.handle(L.Receipted(block, chunk, verdicts, True, station), now)
-    return out + ledger.handle(L.OnDisk(block, station), now)
+    return out + (ledger.handle(L.OnDisk(block, station), now) if on_disk else [])
 
 
 def dispatches(out: list) -> list[L.Dispatch]:
@@ -117,7 +118,7 @@ def test_a_simulator_that_was_stopped_makes_no_block_suspect() -> None:
 
 def test_silences_that_end_make_no_block_suspect_and_are_taken_back_in_a_resumed_ledger_too() -> None:
     ledger, entries = Ledger(1, CHUNKS), []
-    for turn in range(L.SUSPECT_CRASHES + L.POISON_CRASHES + 1):
+    for turn in range(SUSPECT_CRASHES + L.POISON_CRASHES + 1):
         out = [*ledger.handle(L.SimulatorReady("a"), turn), *ledger.handle(L.SimulatorLost("a", "silent"), turn)]
         assert (ledger.blocks[0].crashes, ledger.blocks[0].crashes_alone) == (1, 1)
         assert ledger.blocks[0].state is State.DUE
@@ -156,12 +157,12 @@ def test_a_poison_block_is_quarantined_and_the_rest_is_done() -> None:
                 answer(ledger, block, turn)
                 ledger.handle(L.Finished(name, block, ledger.blocks[block].attempt), turn)
     assert [block.state for block in ledger.blocks] == [State.DONE, State.QUARANTINED, State.DONE, State.DONE]
-    assert crashes <= L.SUSPECT_CRASHES + L.POISON_CRASHES
+    assert crashes <= SUSPECT_CRASHES + L.POISON_CRASHES
 
 
 def test_a_suspect_block_runs_alone() -> None:
     ledger = Ledger(3, CHUNKS)
-    for turn in range(L.SUSPECT_CRASHES):
+    for turn in range(SUSPECT_CRASHES):
         ledger.handle(L.SimulatorReady(f"s{turn}"), 0)
         ledger.handle(L.SimulatorLost(f"s{turn}", "died"), 0)
     out = dispatches(ledger.handle(L.SimulatorReady("last"), 0))
@@ -310,6 +311,17 @@ def test_the_account_of_a_block_begins_anew_at_another_station() -> None:
     assert not ledger.finished
     answer(ledger, 0, station="attic")
     assert ledger.finished
+
+
+def test_a_block_that_waits_for_the_disk_of_a_station_that_has_gone_goes_to_another() -> None:
+    ledger = Ledger(2, CHUNKS)
+    ledger.handle(L.SimulatorReady("a", "lab"), 0)
+    answer(ledger, 0, 1, "lab", on_disk=False)
+    ledger.handle(L.Finished("a", 0, 1), 1)
+    ledger.handle(L.SimulatorReady("b", "attic"), 2)
+    assert ledger.handle(L.StationLost("attic"), 3) == ledger.handle(L.Tick(), 60) == [], "a slow disk has its time"
+    assert [sent.block for sent in dispatches(ledger.handle(L.StationLost("lab"), 61))] == [0]
+    assert ledger.in_flight == {"a": [1], "b": [0]}, "what a simulator holds is not concerned"
 
 
 def test_late_answers_of_a_lost_station_count_as_long_as_nobody_else_has_the_block() -> None:

@@ -154,6 +154,19 @@ class Sweeping(RuleBasedStateMachine):
     def restart(self, role: str, station: str) -> None:
         self.do(L.ConsumerRestarted(role, station))
 
+    @rule(station=st.sampled_from(STATIONS))
+    def lose_a_station(self, station: str) -> None:
+        held = {block for blocks in self.ledger.in_flight.values() for block in blocks}
+        waiting = {
+            number: block.attempt
+            for number, block in enumerate(self.ledger.blocks)
+            if block.state is State.DISPATCHED and block.station == station and number not in held
+        }
+        self.do(L.StationLost(station))
+        for number, attempt in waiting.items():
+            block = self.ledger.blocks[number]
+            assert block.state is State.DUE or block.attempt == attempt + 1, "nobody waits for its answers"
+
     @rule(seconds=st.floats(0, 30))
     def wait(self, seconds: float) -> None:
         self.now += seconds

@@ -84,7 +84,7 @@ def test_a_graph_serves_who_asks_for_its_number_of_stations_or_for_none(state: S
     assert objection(divided, **wanted, stations=3) == "it has 2 stations, --stations asks for 3"
 
 
-def test_no_station_joins_a_run_of_a_standing_graph(
+def test_a_station_joins_a_standing_graph_and_not_one_of_its_runs(
     tmp_path: Path, state: State, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
@@ -95,8 +95,7 @@ def test_no_station_joins_a_run_of_a_standing_graph(
     args = parser().parse_args(["station", "lab", "--run", run_id])
     assert args.run(args) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "the graph of `bow up`, which has one station" in line
-    assert "bow sweep --own-graph" in line
+    assert line.endswith(f"the graph of `bow up`: a station joins that, for all of its runs, by --run {'a' * 8}")
 
 
 def test_a_state_file_that_a_power_cut_left_is_no_graph(tmp_path: Path, state: State) -> None:
@@ -153,6 +152,8 @@ def test_a_graph_fits_only_what_it_can_serve(state: State, monkeypatch: pytest.M
     assert "domain" in objection(replace(state, domain="99"), **plain)
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     assert "this machine" in objection(state, **plain)
+    assert objection(replace(state, network={"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}), **plain) == ""
+    assert "other machines" in objection(replace(state, network={"ROS_STATIC_PEERS": "10.0.0.2"}), **plain)
 
 
 def test_the_hash_of_the_sources_changes_with_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
