@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bow_sim.kernel import few_cells
-from bow_sim.kernel.arguments import Gesture, String
+from bow_sim.kernel.arguments import Gesture
 from bow_sim.physics.reflection_text import Reflection
 from bow_sim.simd.lanes import LANES, aligned
 
-AHEAD = 8192
+AHEAD = 16384
 """So many samples, those of all cells together, are computed by one call; less than a millisecond."""
 
 
@@ -22,49 +22,42 @@ def chunks_ahead(cells: int, samples: int) -> int:
     return max(1, AHEAD // (cells * samples))
 
 
-def side_of(each: list[Reflection], samples: int) -> few_cells.Side:
-    """Make a side.
+def sides_of(each: list[list[Reflection]], samples: int) -> few_cells.Sides:
+    """Make the sides.
 
     Parameters
     ----------
-    each : list of Reflection
-        Of each cell.
+    each : list of list of Reflection
+        Of each of the four sides, and of each cell.
     samples : int
-        Of all chunks that one call computes.
+        Of a chunk.
     """
-    tails = [r.tail_taps if r.tail else () for r in each]
-    past = max(r.last for r in each)
-    ready = [r.soonest >= LANES for r in each]
-    last = [r.first + len(r.taps) - 1 for r in each]
-    rows = LANES + max((lag for lag, done in zip(last, ready, strict=True) if not done), default=0)
-    reach = aligned((len(each), rows, LANES), np.float64)
-    for cell, r in enumerate(each):
-        if not ready[cell]:
-            for row in range(last[cell] + LANES):
-                for step in range(LANES):
-                    k = last[cell] + step - row - r.first
-                    reach[cell, row, step] = r.taps[k] if 0 <= k < len(r.taps) else 0.0
-    return few_cells.Side(
-        ready=np.array(ready),
-        soonest=np.array([r.soonest for r in each]),
-        taps=_rows([r.taps[::-1] for r in each]),
-        count=np.array([len(r.taps) for r in each]),
-        last=np.array(last),
-        reach=reach,
-        gain=np.array([r.tail for r in each]),
-        pole=np.array([r.pole for r in each]),
-        state=np.zeros(len(each)),
-        tail_taps=_rows([taps[::-1] for taps in tails]),
+    rows = [r for side in each for r in side]
+    size, past = len(rows), max(2, *(r.last for r in rows))
+    tails = [r.tail_taps if r.tail else () for r in rows]
+    gain = np.array([r.tail for r in rows])
+    ready = np.array([r.soonest >= few_cells.LEAST_LAG or not any((*r.taps, r.tail)) for r in rows])
+    return few_cells.Sides(
+        ready=ready,
+        first=np.array([r.first if any(r.taps) else r.first + len(r.taps) for r in rows]),
+        last=np.array([r.first + len(r.taps) - 1 for r in rows]),
+        depth=np.array([min(r.first, 2) for r in rows]),
+        taps=_table([(0.0,) * r.first + r.taps + (0.0,) * LANES for r in rows]),
+        gain=gain,
+        pole=np.array([r.pole for r in rows]),
+        state=np.zeros(size),
+        tail_taps=_table([taps[::-1] for taps in tails]),
         tail_count=np.array([len(taps) for taps in tails]),
-        tail_last=np.array([r.tail_first + len(taps) - 1 for r, taps in zip(each, tails, strict=True)]),
-        body=None,
-        wave=np.zeros((len(each), past + samples)),
+        tail_last=np.array([r.tail_first + len(taps) - 1 for r, taps in zip(rows, tails, strict=True)]),
+        late_tail=(~ready & (gain != 0)).reshape(len(each), -1).any(axis=0),
+        wave=np.zeros((size, past + samples)),
         past=past,
-        arrived=aligned((LANES,), np.float64),
+        sums=aligned((size, LANES), np.float64),
+        arrived=aligned((size, few_cells.SLOTS), np.float64),
     )
 
 
-def _rows(rows: list[tuple[float, ...]]) -> NDArray[np.float64]:
+def _table(rows: list[tuple[float, ...]]) -> NDArray[np.float64]:
     """Return numbers of different count as rows of an array, zeros behind them."""
     table = np.zeros((len(rows), max(1, *map(len, rows))))
     for i, row in enumerate(rows):
@@ -79,8 +72,8 @@ class Ahead:
     ----------
     advance : function
         That of :func:`bow_sim.kernel.few_cells.build`.
-    string : String
-        With sides of :func:`side_of`.
+    string : few_cells.String
+        With sides of :func:`sides_of`.
     levels : dict of str to ndarray
         All of `Gesture` but the shapes.
     shapes : function
@@ -103,7 +96,7 @@ class Ahead:
     def __init__(
         self,
         advance: Callable[..., int],
-        string: String,
+        string: few_cells.String,
         levels: dict[str, NDArray[Any]],
         shapes: Callable[[int, int, int], tuple[NDArray[np.float64], NDArray[np.float64]]],
         cells: int,
@@ -147,13 +140,12 @@ class Ahead:
         )
         output.slipping[0] = self.slipping
         gesture = Gesture(**self._levels, force=force, speed=speed)
-        self._advance(self._samples, self._string, gesture, output)
+        self._advance(first * self._samples, self._samples, self._string, gesture, output)
         self.slipping[:] = output.slipping[-1]
         sizes = output.offsets[:, -1].tolist()
-        intervals = [
-            [whole[chunk, :size] for whole in (output.onset, output.duration, output.slip)]
-            for chunk, size in enumerate(sizes)
+        parts = zip(output.bridge_force, output.slipping[:-1], output.offsets, sizes, strict=True)
+        self._results = [
+            (force, slipping, offsets, output.onset[i, :size], output.duration[i, :size], output.slip[i, :size])
+            for i, (force, slipping, offsets, size) in enumerate(parts)
         ]
-        parts = zip(output.bridge_force, output.slipping[:-1], output.offsets, intervals, strict=True)
-        self._results = [(force, slipping, offsets, *rest) for force, slipping, offsets, rest in parts]
         self._next = 0

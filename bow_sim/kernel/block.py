@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.kernel import few_cells, time_loop
-from bow_sim.kernel.ahead import Ahead, chunks_ahead, side_of
+from bow_sim.kernel.ahead import Ahead, sides_of
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.sources import source_hash
 from bow_sim.physics import exact, friction, gesture
@@ -112,31 +112,32 @@ class Block:
             or len(described.ends) > 1
             or tuple(len(same[0].taps) for same in functions) not in STANDARD
         )
-        make = self._few_side if self._few else self._general_side if self._general else self._standard_side
+        make = self._general_side if self._general else self._standard_side
         self.admittance = y = described.bow_admittance()
         self._work = aligned((time_loop.TOTALS + time_loop.STRIDE + 1, LANES), self._dtype)
-        arrived = self._work[: time_loop.TOTALS].reshape(len(SIDES), time_loop.STRIDE, LANES)
-        sides: list[Any] = [make(same) for same in functions]
-        if not self._few:
-            sides = [side._replace(arrived=x) for side, x in zip(sides, arrived, strict=True)]
-        bridge, nut, torsion_bridge, torsion_nut = sides
-        self._string = String(
-            bridge._replace(body=self._make_body(described)),
-            nut,
-            torsion_bridge,
-            torsion_nut,
-            law=self._lanes_of(self._make_law(described)),
-            share_t=self._lane(described.of_ends("y_t") / 2 / y),
-            share_r=self._lane(described.of_ends("y_r") / 2 / y),
-            hair=self._make_hair(described),
-        )
+        body = self._make_body(described)
+        at_bow = {
+            "law": self._lanes_of(self._make_law(described)),
+            "share_t": self._lane(described.of_ends("y_t") / 2 / y),
+            "share_r": self._lane(described.of_ends("y_r") / 2 / y),
+            "hair": self._make_hair(described),
+        }
+        self._string: Any
+        if self._few:
+            each = [same * self._count if len(same) == 1 else same for same in functions]
+            sides = sides_of(each, samples)
+            self._string = few_cells.String(sides, body, **at_bow)
+        else:
+            arrived = self._work[: time_loop.TOTALS].reshape(len(SIDES), time_loop.STRIDE, LANES)
+            bridge, nut, torsion_bridge, torsion_nut = (
+                make(same)._replace(arrived=x) for same, x in zip(functions, arrived, strict=True)
+            )
+            self._string = String(bridge._replace(body=body), nut, torsion_bridge, torsion_nut, **at_bow)
         self._levels = self._lanes_of(
             gesture.levels(parameters.gesture, *(described.value(name) for name in ("f_asym", "f_init_ratio", "v_b")))
         )
         self.trace_names = (
-            TRACES
-            + BODY_TRACES * (self._string.bridge.body is not None)
-            + THERMAL_TRACES * (parameters.friction == "thermal")
+            TRACES + BODY_TRACES * (body is not None) + THERMAL_TRACES * (parameters.friction == "thermal")
         )
         waveforms = len(self.trace_names)
         self._ahead: Ahead | None = None
@@ -337,11 +338,6 @@ class Block:
                 max(0, taps.shape[1] - int(last.min()), tails.shape[1] - int(tail_last.min())),
             ),
         )
-
-    def _few_side(self, same: list[Reflection]) -> few_cells.Side:
-        """Make a side for cells that are computed one by one."""
-        samples = self.parameters.chunk_samples
-        return side_of(same * self._count if len(same) == 1 else same, chunks_ahead(self._count, samples) * samples)
 
     def _windows(
         self, functions: list[tuple[int, tuple[float, ...]]], even: bool = False

@@ -21,6 +21,8 @@ SOURCES = (
     "simd/rows",
     "simd/lane_types",
     "simd/lanes",
+    "simd/steps",
+    "simd/signs",
     "simd/jit",
     "simd/parts",
     "physics/exact",

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
 from bow_sim.physics.cells import Cells
@@ -26,6 +27,7 @@ from bow_sim.physics.friction_curve import Points, parse
 from bow_sim.physics.thermal import Thermal, thermal
 from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
 from bow_sim.simd.lanes import absolute, choose, negative, not_negative, read, root, write
+from bow_sim.simd.signs import with_sign
 
 
 class Hyperbola(NamedTuple):
@@ -74,7 +76,7 @@ def hyperbola(a: Any, limit: Any, slide: Any, d: Any, f_b: Any, slipping: Any) -
     square = h * h - a * below
     slips = negative(below) | (slipping & negative(h) & not_negative(square))
     s = root(square) - h
-    return choose(slips, choose(negative(d), -s, s), 0.0), slips
+    return choose(slips, with_sign(s, d), 0.0), slips
 
 
 class Coulomb(NamedTuple):
@@ -95,7 +97,7 @@ def coulomb(limit: Any, slide: Any, d: Any, f_b: Any) -> tuple[Any, Any]:
     x = absolute(d)
     slips = negative(f_b * limit - x)
     s = x - f_b * slide
-    return choose(slips, choose(negative(d), -s, s), 0.0), slips
+    return choose(slips, with_sign(s, d), 0.0), slips
 
 
 class Curve(NamedTuple):
@@ -139,21 +141,29 @@ def curve(load: Any, speed: Any, unit: Any, points: Any, d: Any, f_b: Any, slipp
     s = choose(s > at, s, at)
     slips = negative(most - x) | (slipping & negative(0.0 - s))
     s = s * unit
-    return choose(slips, choose(negative(d), -s, s), 0.0), slips
+    return choose(slips, with_sign(s, d), 0.0), slips
 
 
 _hyperbola, _coulomb, _thermal, _curve = (part(**INLINE)(law) for law in (hyperbola, coulomb, thermal, curve))
 
 
+def _hyperbola_of_one(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
+    """Solve for one cell: while the string sticks, a branch, which the processor predicts, leaves out the root."""
+    limit = read(law.limit, lane, d)
+    if not slipping and not negative(f_b * limit - absolute(d)):
+        return 0.0, False
+    return _hyperbola(read(law.a, lane, d), limit, read(law.slide, lane, d), d, f_b, slipping)
+
+
 def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, Any]:
-    """Solve string and friction law for one step of eight lanes; in compiled code only.
+    """Solve string and friction law for one step of eight lanes, or of one cell; in compiled code only.
 
     Parameters
     ----------
     law : NamedTuple
         Coefficients and internal state of a law, arrays of shape (lanes,).
     lane : int
-        The first of the lanes.
+        The first of the lanes; or a cell, where the arguments are numbers.
     d, f_b, slipping
         As in :func:`hyperbola`.
 
@@ -169,6 +179,8 @@ def solve(law: Any, lane: int, d: Any, f_b: Any, slipping: Any) -> tuple[Any, An
 def _solve_hyperbola(law: Any, lane: Any, d: Any, f_b: Any, slipping: Any) -> Any:
     if getattr(law, "instance_class", None) is not Hyperbola:
         return None
+    if isinstance(d, types.Float):
+        return _hyperbola_of_one
     return lambda law, lane, d, f_b, slipping: _hyperbola(
         read(law.a, lane, d), read(law.limit, lane, d), read(law.slide, lane, d), d, f_b, slipping
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from bow_sim.simd.lanes import absolute, choose, negative, root
+from bow_sim.simd.signs import with_sign
 
 
 class Thermal(NamedTuple):
@@ -74,4 +75,4 @@ def thermal(law: Thermal, d: Any, f_b: Any) -> tuple[Any, Any, Any]:
         left = 1.0 / (1.0 + r * (1.0 + r * (0.5 + r * (1.0 / 6.0))))  # exp(-r), of exactly rounded operations
         heated = choose(pressed, m * u / cooling, 0.0)
         after = heated + (t - heated) * left
-    return choose(negative(d), -s, s), negative(0.0 - s), after
+    return with_sign(s, d), negative(0.0 - s), after

@@ -182,7 +182,7 @@ def lowest_bit(typingctx: Any, bits: Any) -> Any:
 _PAIRS = ((LanesType, LanesType), (LanesType, types.Number), (types.Number, LanesType))
 
 
-def _define(symbol: Any, kinds: Any, result: Callable[..., Any], emit: Callable[..., Any]) -> None:
+def define(symbol: Any, kinds: Any, result: Callable[..., Any], emit: Callable[..., Any]) -> None:
     """Define an operator or function of lanes as code that is put where it is used.
 
     With `overload` it would be a function of its own for every type, compiled, linked and inlined for the sake of one
@@ -220,7 +220,7 @@ def _define_binary(symbol: Any, operation: Callable[[Any, Any, Any], Any], mask:
     def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return operation(builder, *widened(context, builder, lanes_of(*signature.args), args, signature.args))
 
-    _define(symbol, _PAIRS, result, emit)
+    define(symbol, _PAIRS, result, emit)
 
 
 _define_binary(operator.add, lambda builder, a, b: builder.fadd(a, b))
@@ -251,7 +251,7 @@ def _define_of_masks(symbol: Any, operation: Callable[[Any, Any, Any], Any]) -> 
         return operation(builder, *args)
 
     pairs = [(a, b) for a in (MaskType, SignsType) for b in (MaskType, SignsType)]
-    _define(symbol, pairs, result, emit)
+    define(symbol, pairs, result, emit)
 
 
 _define_of_masks(operator.and_, lambda builder, a, b: builder.and_(a, b))
@@ -291,7 +291,7 @@ def _define_unary(symbol: Any, operation: Callable[[Any, Any, LanesType], Any]) 
     def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return operation(builder, args[0], signature.args[0])
 
-    _define(symbol, [(LanesType,)], result, emit)
+    define(symbol, [(LanesType,)], result, emit)
 
 
 def _llvm(name: str) -> Callable[[Any, Any, LanesType], Any]:
@@ -317,7 +317,7 @@ def _define_signs(symbol: Any, operation: Callable[[Any, Any], Any]) -> None:
     def emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return operation(builder, builder.bitcast(args[0], integers(signature.return_type)))
 
-    _define(symbol, [(LanesType,)], result, emit)
+    define(symbol, [(LanesType,)], result, emit)
 
 
 def _define_for_numbers(symbol: Any, result: Any, emit: Callable[[Any, Any], Any]) -> None:
@@ -326,7 +326,7 @@ def _define_for_numbers(symbol: Any, result: Any, emit: Callable[[Any, Any], Any
     def typed(a: Any) -> Any:
         return result if a is types.float64 else None
 
-    _define(symbol, [(types.Float,)], typed, lambda context, builder, signature, args: emit(builder, args[0]))
+    define(symbol, [(types.Float,)], typed, lambda context, builder, signature, args: emit(builder, args[0]))
 
 
 def _number(name: str) -> Callable[[Any, Any], Any]:
@@ -346,7 +346,7 @@ _define_for_numbers(absolute, types.float64, _number("fabs"))
 _define_for_numbers(root, types.float64, _number("sqrt"))
 _define_for_numbers(negative, types.boolean, _sign("<"))
 _define_for_numbers(not_negative, types.boolean, _sign(">="))
-_define(
+define(
     choose,
     [(types.Boolean, types.Float, types.Float)],
     lambda mask, yes, no: types.float64 if (mask, yes, no) == (types.boolean, types.float64, types.float64) else None,
@@ -369,7 +369,7 @@ def _emit_choice(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     return builder.select(mask, *values)
 
 
-_define(choose, [(mask, *pair) for mask in (MaskType, SignsType) for pair in _PAIRS], _chosen, _emit_choice)
+define(choose, [(mask, *pair) for mask in (MaskType, SignsType) for pair in _PAIRS], _chosen, _emit_choice)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any) -> Any:

@@ -10,7 +10,7 @@ from scalar_string import simulate
 
 from bow_sim.kernel import ahead
 from bow_sim.kernel.block import TRACES, Block
-from bow_sim.kernel.few_cells import FEW
+from bow_sim.kernel.few_cells import FEW, LEAST_LAG
 from bow_sim.physics.parameters import MODELS, Parameters
 
 FORCES = np.geomspace(0.5, 20.0, 9)
@@ -42,9 +42,26 @@ def test_few_cells_have_the_bits_of_lanes(model: str) -> None:
     assert many == few
 
 
-@pytest.mark.parametrize("bow", [1, 2, 7, 8, 9, 20, 131, 138])
-def test_the_bow_may_be_anywhere(bow: int) -> None:
-    p = Parameters(model="raman", bow_bridge=bow, periods=10)
+@pytest.mark.parametrize("bow", [1, 2, 3, LEAST_LAG - 1, LEAST_LAG, 20, 131, 138])
+@pytest.mark.parametrize("model", ["raman", "torsion_absorbed"])
+def test_the_bow_may_be_anywhere(bow: int, model: str) -> None:
+    p = Parameters(model=model, bow_bridge=bow, periods=10)
+    many, few = as_lanes_and_as_few(p, {"f_asym": FORCES})
+    assert many == few
+
+
+def test_every_side_may_have_a_tail_early_and_late() -> None:
+    late = "first=1 taps=-0.4,-0.2 tail=-0.05 pole=0.8 tail_first=2 tail_taps=0.5,0.5"
+    soon = "first=9 taps=-0.5,-0.3 tail=-0.01 pole=0.9 tail_first=30"
+    ahead = "first=100 taps=-0.6 tail=-0.02 pole=0.9 tail_first=101 tail_taps=0.2,0.3,0.5"
+    p = Parameters(
+        model="delta_cremer",
+        bridge_function=soon,
+        nut_function=ahead,
+        torsion_bridge_function=late,
+        torsion_nut_function=ahead,
+        periods=10,
+    )
     many, few = as_lanes_and_as_few(p, {"f_asym": FORCES})
     assert many == few
 
@@ -71,6 +88,7 @@ EXTRAS: dict[str, dict[str, Any]] = {
         "bridge": "rigid",
         "beta": 0.1031,
     },
+    "body near the bow": {"model": "delta_cremer", "string": "violin_g", "body": "signature", "beta": 0.04},
     "Coulomb": {"friction": "coulomb", "body_modes": "440/30/k0.01, 900/20/k0.003"},
     "curve": {"model": "delta_cremer", "friction": "curve", "friction_curve": "0/0.8, 0.1/0.6, 0.4/0.45, 1/0.4, 3/0.5"},
 }
