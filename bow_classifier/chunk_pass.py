@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
+from bow_classifier.features.next_rows import NextRows, fetch
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
@@ -21,16 +22,11 @@ from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_count
 from bow_classifier.verdict.confidence import confidence_workspace
 from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_eight
 from bow_classifier.verdict.fingerprint import LEAN, VERSION
-from bow_sim.simd.columns import prefetch
 from bow_sim.simd.jit import njit, part
 from bow_sim.simd.lanes import LANES
 
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
-
-_LINE = 16
-"""Samples of float32 in a cache line."""
-
 
 class Strings(NamedTuple):
     """Ripple period, height and thresholds of every cell; arrays are (cells,).
@@ -166,13 +162,6 @@ def _take(i, history, bridge_force, row):
 
 
 @part(**LEAN)
-def _prefetch_row(array, i):
-    """Fetch a row of an array into the cache while other work goes on: waiting for it took a tenth of the time."""
-    for at in range(i * array.shape[1], (i + 1) * array.shape[1], _LINE):
-        prefetch(array, at)
-
-
-@part(**LEAN)
 def _needs_ripple(i, features, limits):
     """Return whether a rule compares the ripples of cell i: not Helmholtz, but one slip or flyback cluster a period."""
     if not (features.correlation[i] > limits.correlation and features.period[i] < LONG * limits.period):
@@ -234,12 +223,11 @@ def _classify_all(state, chunk, setup, result, workspace):
             _take(group + lane, history, bridge_force, rows[lane])
         if state.wolf.power.shape[0] > 0:
             keep_power(group, number, chunk.number, rows, start, period, state.wolf, workspace.wolf)
-        correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, maxima)
+        ahead = NextRows(bridge_force, history, group + LANES, max(min(LANES, cells - group - LANES), 0))
+        correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, ahead, maxima)
         for lane in range(number):
             i = group + lane
-            if i + LANES < cells:
-                _prefetch_row(bridge_force, i + LANES)
-                _prefetch_row(history, i + LANES)
+            fetch(ahead, 2 * LANES + 2 * lane, 4 * LANES)
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
             slips = count_slips(
@@ -247,6 +235,7 @@ def _classify_all(state, chunk, setup, result, workspace):
                 workspace.slip_tally, workspace.onsets, workspace.stops,
             )  # fmt: skip
             features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
+            fetch(ahead, 2 * LANES + 2 * lane + 1, 4 * LANES)
             _measure_cell(i, rows[lane], start, setup, features, workspace)
             _remember(
                 i, chunk.number, rows[lane], start, features.slips[i], limits, lags.longest, state.wolf, state.releases,

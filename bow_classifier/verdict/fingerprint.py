@@ -22,6 +22,7 @@ HERE = (
     "features/corners",
     "features/first_slips",
     "features/long_periods",
+    "features/next_rows",
     "features/periodicity",
     "features/ripples",
     "features/slips",
