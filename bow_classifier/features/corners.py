@@ -14,20 +14,20 @@ import numpy as np
 
 from bow_classifier.features.slips import FACTORS, sureness
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd import columns, lanes
+from bow_sim.simd import bits, columns, lanes
+from bow_sim.simd.bits import BYTES, MANY
 from bow_sim.simd.jit import part
-from bow_sim.simd.lanes import LANES, absolute, choose
+from bow_sim.simd.lanes import LANES, absolute
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
-spread: Any = lanes.spread
-store: Any = lanes.store
-read: Any = lanes.read
 bits_of: Any = lanes.bits_of
 lowest_bit: Any = lanes.lowest_bit
+bit_count: Any = bits.bit_count
+nonzero: Any = bits.nonzero
+onsets: Any = bits.onsets
 flipped: Any = columns.flipped
 
-_BITS = 64
-"""Samples whose candidates for a corner are the bits of one number."""
+_NONE = np.uint64(1 << LANES)
 
 
 class Corners(NamedTuple):
@@ -53,45 +53,49 @@ class Workspace(NamedTuple):
 
     Attributes
     ----------
-    levels, tally
-        (8,) float32: the thresholds, and how many corners exceed each of them.
+    levels
+        (factors,) float32: the thresholds.
+    tally
+        (factors,) int64: how many corners exceed each of them.
     found
-        (samples / 8, rounded up to words,) uint8: where a corner may be, as bits, the lowest first.
-    words
-        The same memory as uint64, on all machines that Numba compiles for: their lowest byte is the first.
+        (samples / 8, rounded up to `BYTES`,) uint8: where a corner may be, as bits, the lowest first.
     """
 
     levels: Any
     tally: Any
     found: Any
-    words: Any
 
 
 @part(nogil=True, error_model="numpy")
 def corner_workspace(samples):
     """Return the workspace for windows of `samples`."""
-    words = np.zeros(-(-samples // _BITS), np.uint64)
-    return Workspace(np.empty(LANES, np.float32), np.empty(LANES, np.float32), words.view(np.uint8), words)
+    factors = FACTORS.shape[0]
+    found = np.zeros(-(-samples // (LANES * BYTES)) * BYTES, np.uint8)
+    return Workspace(np.empty(factors, np.float32), np.empty(factors, np.int64), found)
 
 
 @part(**LEAN)
-def _starts(row, at, delay, lowest, highest):
-    """Return, as bits, at which of eight samples y may begin to exceed a level between the two."""
+def _steps(row, at, delay):
+    """Return the magnitude of y at eight samples, and y of the samples before, negative if the sign is another."""
     now = load(row, at) - load(row, at - delay)
     before = load(row, at - 1) - load(row, at - 1 - delay)
-    return bits_of((absolute(now) > lowest) & (flipped(before, now) <= highest))
+    return absolute(now), flipped(before, now)
 
 
 @part(**LEAN)
 def _candidates(row, start, delay, lowest, highest, found):
-    """Write the same for all samples from `start` on to `found`, a byte for eight of them."""
+    """Write to `found` where y may begin to exceed a level between the two, for all samples from `start` on."""
     end, place = row.shape[0], 0
-    for at in range(start, end - LANES + 1, LANES):
-        found[place] = _starts(row, at, delay, lowest, highest)
+    whole = start + (end - start) // MANY * MANY
+    for at in range(start, whole, MANY):
+        many = onsets(row, at, delay, lowest, highest)
+        found[place], found[place + 1] = np.uint8(many & 255), np.uint8(many >> 8)
+        place += MANY // LANES
+    for at in range(whole, end, LANES):
+        first = min(at, end - LANES)  # the last group overlaps the one before
+        size, before = _steps(row, first, delay)
+        found[place] = bits_of((size > lowest) & (before <= highest)) >> (at - first)
         place += 1
-    over = (end - start) % LANES
-    if over:  # the last group overlaps the one before
-        found[place] = _starts(row, end - LANES, delay, lowest, highest) >> (LANES - over)
 
 
 @part(**LEAN)
@@ -112,32 +116,40 @@ def count_corners(row, start, delay, level, gap, workspace):
         Samples; two corners further apart belong to different clusters.
     workspace : Workspace
     """
-    levels, tally, found, words = workspace
+    levels, tally, found = workspace
     end = row.shape[0]
-    for k in range(LANES):
-        levels[k] = FACTORS[k] * level if k < FACTORS.shape[0] else np.inf
+    for k in range(FACTORS.shape[0]):
+        levels[k], tally[k] = FACTORS[k] * level, 0
     lowest, highest = levels[0], levels[0]
     for k in range(1, FACTORS.shape[0]):
         lowest, highest = min(lowest, levels[k]), max(highest, levels[k])
-    high = load(levels, 0)
-    count, one = spread(np.float32(0.0)), spread(np.float32(1.0))
     near = int(gap)  # samples are whole numbers: none lies between this and the gap
     latest, clusters = -end, 0
     _candidates(row, start, delay, lowest, highest, found)
-    begin = start
-    for word in words:
-        candidates = word
-        while candidates:
-            t = begin + lowest_bit(candidates)
-            candidates &= candidates - np.uint64(1)
-            now = read(row, t, lowest) - read(row, t - delay, lowest)
-            before = read(row, t - 1, lowest) - read(row, t - 1 - delay, lowest)
-            if_up = -before if now < 0.0 else before
-            onset = (high < abs(now)) & (high >= if_up)
-            count = count + choose(onset, one, 0.0)
-            counts = bits_of(onset) & 1
-            clusters += counts & int(t - latest > near)
-            latest = t if counts else latest
-        begin += _BITS
-    store(tally, 0, count)
+    for word in range(found.shape[0] // BYTES):
+        groups = nonzero(found, word * BYTES)
+        while groups:
+            at = start + LANES * (word * BYTES + lowest_bit(groups))
+            groups &= groups - np.uint64(1)
+            place = min(at, end - LANES)
+            size, before = _steps(row, place, delay)
+            for k in range(1, FACTORS.shape[0]):
+                tally[k] += bit_count(_onsets(size, before, levels[k], at - place))
+            first = _onsets(size, before, levels[0], at - place)
+            tally[0] += bit_count(first)
+            some, t = first != 0, at + lowest_bit(np.uint64(first) | _NONE)
+            clusters += int(some & (t - latest > near))
+            latest = t if some else latest
+            first &= first - np.uint8(1)
+            while first:
+                t = at + lowest_bit(np.uint64(first))
+                clusters += int(t - latest > near)
+                latest = t
+                first &= first - np.uint8(1)
     return Corners(int(tally[0]), clusters, sureness(tally))
+
+
+@part(**LEAN)
+def _onsets(size, before, level, skipped):
+    """Return, as bits, at which of eight samples y begins to exceed a level, but for the first `skipped` of them."""
+    return np.uint8(bits_of((size > level) & (before <= level)) >> skipped)

@@ -19,30 +19,39 @@ _LINE = 16
 
 
 class NextRows(NamedTuple):
-    """Rows first ... first + number - 1 of two arrays of float32, (cells, samples), C-contiguous."""
+    """Eight rows, or those that are left, of two arrays of float32, (cells, samples), C-contiguous.
+
+    Attributes
+    ----------
+    bridge_force
+        All of a row is fetched.
+    before
+        Only the last `near` samples of a row are.
+    near
+        Samples.
+    first, number : int
+        The first of the rows, and how many they are.
+    """
 
     bridge_force: Any
-    history: Any
+    before: Any
+    near: int
     first: int
     number: int
 
 
 @part(**LEAN)
-def _fetch(array, first, number, share, shares):
-    begin, size = first * array.shape[1], number * array.shape[1]
+def fetch_share(rows, share, shares):
+    """Fetch one of so many equal shares of the bridge force, without waiting for it; shares count from 0."""
+    begin, size = rows.first * rows.bridge_force.shape[1], rows.number * rows.bridge_force.shape[1]
     for at in range(begin + size * share // shares, begin + size * (share + 1) // shares, _LINE):
-        prefetch(array, at)
+        prefetch(rows.bridge_force, at)
 
 
 @part(**LEAN)
-def fetch(rows, share, shares):
-    """Fetch one of so many equal shares of the `NextRows` into the cache, without waiting for it.
-
-    Parameters
-    ----------
-    rows : NextRows
-    share, shares : int
-        Number of the share, from 0 on, and how many they are.
-    """
-    _fetch(rows.bridge_force, rows.first, rows.number, share, shares)
-    _fetch(rows.history, rows.first, rows.number, share, shares)
+def fetch_before(rows, lane):
+    """Fetch what precedes the bridge force of one of the rows, without waiting for it; lanes count from 0."""
+    if lane < rows.number:
+        end = (rows.first + lane + 1) * rows.before.shape[1]
+        for at in range(end - 1, end - rows.near - 1, -_LINE):
+            prefetch(rows.before, at)

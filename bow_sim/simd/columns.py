@@ -91,7 +91,7 @@ def prefetch(typingctx: Any, x: Any, i: Any) -> Any:
         place = pointer(context, builder, x, args[0], args[1], byte)
         kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), number, number, number])
         fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(fetch, [place, number(0), number(2), number(1)])
+        builder.call(fetch, [place, number(0), number(3), number(1)])
         return context.get_dummy_value()
 
     return types.void(x, types.intp), codegen
