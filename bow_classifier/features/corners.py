@@ -17,17 +17,23 @@ from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import bits, columns, lanes
 from bow_sim.simd.bits import BYTES, MANY
 from bow_sim.simd.jit import part
-from bow_sim.simd.lanes import LANES, absolute
+from bow_sim.simd.lanes import LANES, absolute, choose
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 bits_of: Any = lanes.bits_of
 lowest_bit: Any = lanes.lowest_bit
-bit_count: Any = bits.bit_count
+find_onsets: Any = bits.find_onsets
+mask_of: Any = lanes.mask_of
 nonzero: Any = bits.nonzero
-onsets: Any = bits.onsets
+spread: Any = lanes.spread
+store: Any = lanes.store
 flipped: Any = columns.flipped
 
 _NONE = np.uint64(1 << LANES)
+"""A bit beyond those of eight lanes: without another, it is the lowest."""
+
+_ALL = 2**LANES - 1
+"""The bits of all lanes."""
 
 
 class Corners(NamedTuple):
@@ -56,13 +62,16 @@ class Workspace(NamedTuple):
     levels
         (factors,) float32: the thresholds.
     tally
-        (factors,) int64: how many corners exceed each of them.
+        (factors,) float32: how many corners exceed each of them.
+    counts
+        (factors * 8,) float32: the same in each of eight lanes.
     found
         (samples / 8, rounded up to `BYTES`,) uint8: where a corner may be, as bits, the lowest first.
     """
 
     levels: Any
     tally: Any
+    counts: Any
     found: Any
 
 
@@ -70,8 +79,12 @@ class Workspace(NamedTuple):
 def corner_workspace(samples):
     """Return the workspace for windows of `samples`."""
     factors = FACTORS.shape[0]
-    found = np.zeros(-(-samples // (LANES * BYTES)) * BYTES, np.uint8)
-    return Workspace(np.empty(factors, np.float32), np.empty(factors, np.int64), found)
+    return Workspace(
+        np.empty(factors, np.float32),
+        np.empty(factors, np.float32),
+        np.empty(factors * LANES, np.float32),
+        np.zeros(-(-samples // (LANES * BYTES)) * BYTES, np.uint8),
+    )
 
 
 @part(**LEAN)
@@ -85,17 +98,19 @@ def _steps(row, at, delay):
 @part(**LEAN)
 def _candidates(row, start, delay, lowest, highest, found):
     """Write to `found` where y may begin to exceed a level between the two, for all samples from `start` on."""
-    end, place = row.shape[0], 0
-    whole = start + (end - start) // MANY * MANY
-    for at in range(start, whole, MANY):
-        many = onsets(row, at, delay, lowest, highest)
-        found[place], found[place + 1] = np.uint8(many & 255), np.uint8(many >> 8)
-        place += MANY // LANES
-    for at in range(whole, end, LANES):
+    end = row.shape[0]
+    count = (end - start) // MANY * MANY
+    find_onsets(row, start, count, delay, lowest, highest, found)
+    for at in range(start + count, end, LANES):
         first = min(at, end - LANES)  # the last group overlaps the one before
         size, before = _steps(row, first, delay)
-        found[place] = bits_of((size > lowest) & (before <= highest)) >> (at - first)
-        place += 1
+        found[(at - start) // LANES] = bits_of((size > lowest) & (before <= highest)) >> (at - first)
+
+
+@part(**LEAN)
+def _onsets(size, before, level):
+    """Return in which lanes y begins to exceed a level."""
+    return (size > level) & (before <= level)
 
 
 @part(**LEAN)
@@ -116,40 +131,50 @@ def count_corners(row, start, delay, level, gap, workspace):
         Samples; two corners further apart belong to different clusters.
     workspace : Workspace
     """
-    levels, tally, found = workspace
+    levels, tally, counts, found = workspace
     end = row.shape[0]
     for k in range(FACTORS.shape[0]):
-        levels[k], tally[k] = FACTORS[k] * level, 0
+        levels[k] = FACTORS[k] * level
     lowest, highest = levels[0], levels[0]
     for k in range(1, FACTORS.shape[0]):
         lowest, highest = min(lowest, levels[k]), max(highest, levels[k])
+    one, zero = spread(np.float32(1.0)), spread(np.float32(0.0))
+    a = b = c = d = e = zero  # corners that exceed each of the levels
     near = int(gap)  # samples are whole numbers: none lies between this and the gap
     latest, clusters = -end, 0
     _candidates(row, start, delay, lowest, highest, found)
-    for word in range(found.shape[0] // BYTES):
-        groups = nonzero(found, word * BYTES)
-        while groups:
-            at = start + LANES * (word * BYTES + lowest_bit(groups))
+    for word in range(0, found.shape[0], BYTES):
+        groups = nonzero(found, word)
+        while groups:  # no branches within, but for two corners in a group: they would often be predicted wrongly
+            at = start + LANES * (word + lowest_bit(groups))
             groups &= groups - np.uint64(1)
             place = min(at, end - LANES)
             size, before = _steps(row, place, delay)
-            for k in range(1, FACTORS.shape[0]):
-                tally[k] += bit_count(_onsets(size, before, levels[k], at - place))
-            first = _onsets(size, before, levels[0], at - place)
-            tally[0] += bit_count(first)
-            some, t = first != 0, at + lowest_bit(np.uint64(first) | _NONE)
-            clusters += int(some & (t - latest > near))
-            latest = t if some else latest
-            first &= first - np.uint8(1)
-            while first:
-                t = at + lowest_bit(np.uint64(first))
+            size = choose(mask_of(np.uint8(_ALL << (at - place))), size, 0.0)
+            onset = _onsets(size, before, levels[0])
+            a = a + choose(onset, one, 0.0)
+            b = b + choose(_onsets(size, before, levels[1]), one, 0.0)
+            c = c + choose(_onsets(size, before, levels[2]), one, 0.0)
+            d = d + choose(_onsets(size, before, levels[3]), one, 0.0)
+            e = e + choose(_onsets(size, before, levels[4]), one, 0.0)
+            bits = np.uint64(bits_of(onset))
+            t = place + lowest_bit(bits | _NONE)
+            clusters += int((bits != 0) & (t - latest > near))
+            latest = t if bits else latest
+            bits &= bits - np.uint64(1)
+            while bits:
+                t = place + lowest_bit(bits)
                 clusters += int(t - latest > near)
                 latest = t
-                first &= first - np.uint8(1)
+                bits &= bits - np.uint64(1)
+    store(counts, 0, a)
+    store(counts, LANES, b)
+    store(counts, 2 * LANES, c)
+    store(counts, 3 * LANES, d)
+    store(counts, 4 * LANES, e)
+    for k in range(FACTORS.shape[0]):
+        total = np.float32(0.0)
+        for lane in range(LANES):
+            total += counts[k * LANES + lane]
+        tally[k] = total
     return Corners(int(tally[0]), clusters, sureness(tally))
-
-
-@part(**LEAN)
-def _onsets(size, before, level, skipped):
-    """Return, as bits, at which of eight samples y begins to exceed a level, but for the first `skipped` of them."""
-    return np.uint8(bits_of((size > level) & (before <= level)) >> skipped)
