@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
-from bow_classifier.features.next_rows import NextRows, fetch_before, fetch_share
+from bow_classifier.features.next_rows import NextRows, fetch_before, fetch_samples, fetch_share
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
@@ -239,6 +239,9 @@ def _classify_all(state, chunk, setup, result, workspace):
             fetch_share(ahead, LANES + lane, 2 * LANES)
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
+            if not features.correlation[i] > limits.correlation:  # long periods may be searched for
+                end = (i + 1) * before.shape[1]
+                fetch_samples(before, end - start, end - near)
             slips = count_slips(
                 i, intervals, samples, strings.slip[i], strings.rise[i], strings.gap[i], slip_state,
                 workspace.slip_tally, workspace.onsets, workspace.stops,

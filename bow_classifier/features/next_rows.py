@@ -44,8 +44,7 @@ class NextRows(NamedTuple):
 def fetch_share(rows, share, shares):
     """Fetch one of so many equal shares of the bridge force, without waiting for it; shares count from 0."""
     begin, size = rows.first * rows.bridge_force.shape[1], rows.number * rows.bridge_force.shape[1]
-    for at in range(begin + size * share // shares, begin + size * (share + 1) // shares, _LINE):
-        prefetch(rows.bridge_force, at)
+    fetch_samples(rows.bridge_force, begin + size * share // shares, begin + size * (share + 1) // shares)
 
 
 @part(**LEAN)
@@ -53,5 +52,12 @@ def fetch_before(rows, lane):
     """Fetch what precedes the bridge force of one of the rows, without waiting for it; lanes count from 0."""
     if lane < rows.number:
         end = (rows.first + lane + 1) * rows.before.shape[1]
-        for at in range(end - 1, end - rows.near - 1, -_LINE):
-            prefetch(rows.before, at)
+        fetch_samples(rows.before, end - rows.near, end)
+
+
+@part(**LEAN)
+def fetch_samples(array, begin, end):
+    """Fetch samples begin ... end - 1 of a flat array of float32, without waiting for them."""
+    for at in range(begin, end, _LINE):
+        prefetch(array, at)
+    prefetch(array, end - 1)
