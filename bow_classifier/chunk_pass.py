@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
-from bow_classifier.features.next_rows import NextRows, fetch_before, fetch_samples, fetch_share
+from bow_classifier.features.next_rows import FIRST_TEST, NextRows, fetch_before, fetch_samples, fetch_share
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
@@ -27,6 +27,7 @@ from bow_sim.simd.lanes import LANES
 
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
+
 
 class Strings(NamedTuple):
     """Ripple period, height and thresholds of every cell; arrays are (cells,).
@@ -236,7 +237,7 @@ def _classify_all(state, chunk, setup, result, workspace):
         correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, ahead, maxima)
         for lane in range(number):
             i = group + lane
-            fetch_share(ahead, LANES + lane, 2 * LANES)
+            fetch_share(ahead, FIRST_TEST + lane)
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
             if not features.correlation[i] > limits.correlation:  # long periods may be searched for

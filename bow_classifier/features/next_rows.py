@@ -11,8 +11,15 @@ from typing import Any, NamedTuple
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import columns
 from bow_sim.simd.jit import part
+from bow_sim.simd.lanes import LANES
 
 prefetch: Any = columns.prefetch  # for the type checker: intrinsics are called without their first argument
+
+FIRST_TEST = 15
+"""Shares of the bridge force that are fetched in the first test, three in each of five periods."""
+
+SHARES = FIRST_TEST + LANES
+"""All shares: one more with each of the cells after the first test."""
 
 _LINE = 16
 """Samples of float32 in a cache line."""
@@ -41,10 +48,10 @@ class NextRows(NamedTuple):
 
 
 @part(**LEAN)
-def fetch_share(rows, share, shares):
-    """Fetch one of so many equal shares of the bridge force, without waiting for it; shares count from 0."""
+def fetch_share(rows, share):
+    """Fetch one of the `SHARES` of the bridge force, without waiting for it; they count from 0."""
     begin, size = rows.first * rows.bridge_force.shape[1], rows.number * rows.bridge_force.shape[1]
-    fetch_samples(rows.bridge_force, begin + size * share // shares, begin + size * (share + 1) // shares)
+    fetch_samples(rows.bridge_force, begin + size * share // SHARES, begin + size * (share + 1) // SHARES)
 
 
 @part(**LEAN)

@@ -150,15 +150,15 @@ def _correlations(rows, less, windows, n, first, last, workspace, ahead):
     earlier, earlier_square = _moments(x, start - n, n)
     for w in range(windows):
         begin = start + w * n
-        fetch_share(ahead, 3 * w, 6 * windows)
+        fetch_share(ahead, 3 * w)
         taken = _take(rows, begin_of_x, taken, begin_of_x + begin + n, less, x)  # now, to be in cache for the sums
-        fetch_share(ahead, 3 * w + 1, 6 * windows)
+        fetch_share(ahead, 3 * w + 1)
         total, square = _moments(x, begin, n)
         variation = square - total * total * one_nth
         variation = choose(variation > square * CONSTANT, variation, np.nan)
         mean, floor = total * one_nth, earlier_square * CONSTANT
         _products(x, begin, n, last, last - first + 1, products)
-        fetch_share(ahead, 3 * w + 2, 6 * windows)
+        fetch_share(ahead, 3 * w + 2)
         up, up_square = earlier, earlier_square
         for lag in range(n, last + 1):
             _add_coefficient(products, (last - lag) * LANES, mean, variation, up, up_square, floor, one_nth, r)
@@ -218,7 +218,7 @@ def correlate_eight(rows, start, period, first, last, workspace, ahead, result):
         Lags searched, samples, both included; the nominal period lies between them.
     workspace : Workspace
     ahead : NextRows
-        The first half of their bridge force is fetched.
+        The first shares of their bridge force are fetched.
     result : EightMaxima
         Changed in place.
     """
