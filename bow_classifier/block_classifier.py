@@ -153,10 +153,10 @@ class BlockClassifier:
         lags = Lags(*thresholds.lags(geometry.period), *thresholds.long_lags(geometry.period))
         if geometry.samples < LANES or geometry.samples % geometry.period or lags.first < 1:
             raise ValueError(f"{geometry}: a chunk should be whole periods, of 2 samples at least, and {LANES} in all")
-        self._setup = Setup(strings, lags, Limits.of(geometry.period, thresholds))
-        before = samples_before(lags.longest)  # more than any ripple period, which is less than a period
+        start = samples_before(lags.longest)  # more than any ripple period, which is less than a period
+        self._setup = Setup(strings, lags, Limits.of(geometry.period, thresholds), start)
         self._state = BlockState(
-            np.zeros((cells, before), np.float32),
+            _read_only(np.zeros((cells, start), np.float32)),
             SlipState.at_rest(cells),
             WolfState.empty(cells if periods >= LEAST else 0, geometry.samples // geometry.period),
             Releases.none(0 if self._rise is None else cells),
@@ -171,7 +171,8 @@ class BlockClassifier:
         Parameters
         ----------
         bridge_force
-            (cells, samples) the wave out_B, units of PHYSICS.md section 2.
+            (cells, samples) the wave out_B, units of PHYSICS.md section 2. It is kept until the next chunk and must not
+            be changed before.
         intervals
             The slips of the same chunk.
 
@@ -188,6 +189,7 @@ class BlockClassifier:
         wrong = classify_cells(self._state, chunk, self._setup_now(), result)
         if wrong >= 0:
             raise discontinuity(wrong, self._state.slips.slipping[wrong])
+        self._state = self._state._replace(before=self._kept(chunk.bridge_force))
         self._chunks += 1
         self.features, self.decision = features, decision = result
         return Verdicts(
@@ -200,6 +202,13 @@ class BlockClassifier:
             features.beat,
             features.transient,
         )
+
+    def _kept(self, bridge_force: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what comes before the next chunk: this chunk, and more where it is too short."""
+        if bridge_force.shape[1] >= self._setup.start:
+            return bridge_force
+        both = np.concatenate([self._state.before, bridge_force], axis=1)
+        return _read_only(both[:, both.shape[1] - self._setup.start :])
 
     def _setup_now(self) -> Setup:
         """Return the setup for the next chunk; the thresholds follow a bow that is accelerated without end."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
+from bow_classifier.features.next_rows import FIRST_TEST, NextRows, fetch_before, fetch_samples, fetch_share
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
@@ -21,15 +22,11 @@ from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_count
 from bow_classifier.verdict.confidence import confidence_workspace
 from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_eight
 from bow_classifier.verdict.fingerprint import LEAN, VERSION
-from bow_sim.simd.columns import prefetch
 from bow_sim.simd.jit import njit, part
 from bow_sim.simd.lanes import LANES
 
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
-
-_LINE = 16
-"""Samples of float32 in a cache line."""
 
 
 class Strings(NamedTuple):
@@ -68,11 +65,12 @@ class Lags(NamedTuple):
 
 
 class Setup(NamedTuple):
-    """What stays the same for all chunks of a block."""
+    """What stays the same for all chunks of a block; `start` samples before a chunk are part of its records."""
 
     strings: Strings
     lags: Lags
     limits: Limits
+    start: int
 
 
 class BlockState(NamedTuple):
@@ -80,8 +78,9 @@ class BlockState(NamedTuple):
 
     Attributes
     ----------
-    history
-        (cells, samples) float32: the bridge force before the next chunk; 0 before t = 0.
+    before
+        (cells, `Setup.start` samples or more) float32, C-contiguous and read-only: the bridge force before the next
+        chunk; 0 before t = 0.
     slips
         The slips at the border.
     wolf
@@ -90,7 +89,7 @@ class BlockState(NamedTuple):
         The significant slips since t = 0; without cells but for a bow that is accelerated without end.
     """
 
-    history: NDArray[np.float32]
+    before: NDArray[np.float32]
     slips: SlipState
     wolf: WolfState
     releases: Releases
@@ -115,7 +114,7 @@ class Result(NamedTuple):
 
 
 class _Workspace(NamedTuple):
-    """The arrays that a pass works in: records of eight cells, (8, history + samples) float32, and those of its parts.
+    """The arrays that a pass works in: records of eight cells, (8, start + samples) float32, and those of its parts.
 
     `slip_tally` is (8,) float64; `onsets` and `stops` of the significant slips of a cell are int64.
     """
@@ -134,9 +133,9 @@ class _Workspace(NamedTuple):
 
 
 @part(nogil=True, error_model="numpy")
-def _workspace(samples, history, period, lags, wolf):
+def _workspace(samples, start, period, lags, wolf):
     return _Workspace(
-        np.zeros((LANES, history + samples), np.float32),
+        np.zeros((LANES, start + samples), np.float32),
         periodicity_workspace(samples, period, lags.first, lags.last),
         EightMaxima(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
         np.empty(LANES),
@@ -144,7 +143,7 @@ def _workspace(samples, history, period, lags, wolf):
         np.empty(samples // 2 + 2, np.int64),
         corner_workspace(samples),
         long_workspace(samples, period, lags.shortest, lags.longest),
-        ripple_workspace(history + samples),
+        ripple_workspace(start + samples),
         wolf_workspace(wolf, period),
         confidence_workspace(),
     )
@@ -157,19 +156,10 @@ def _copy(x, out):
 
 
 @part(**LEAN)
-def _take(i, history, bridge_force, row):
-    """Write the record of cell i to row: its history, then the chunk. Keep the end of the record as history."""
-    before, start = history[i], history.shape[1]
-    _copy(before, row[:start])
-    _copy(bridge_force[i], row[start:])
-    _copy(row[row.shape[0] - start :], before)
-
-
-@part(**LEAN)
-def _prefetch_row(array, i):
-    """Fetch a row of an array into the cache while other work goes on: waiting for it took a tenth of the time."""
-    for at in range(i * array.shape[1], (i + 1) * array.shape[1], _LINE):
-        prefetch(array, at)
+def _take_before(i, before, row, first, start):
+    """Write the samples before the chunk of cell i to row, where it begins at `start`, from place `first` on."""
+    past = before[i]
+    _copy(past[past.shape[0] - start + first :], row[first:start])
 
 
 @part(**LEAN)
@@ -183,15 +173,19 @@ def _needs_ripple(i, features, limits):
 
 
 @part(**LEAN)
-def _measure_cell(i, row, start, setup, features, workspace):
-    """Write corners, long period and ripples of cell i to the features, which have the first two tests already."""
-    strings, lags, limits = setup
+def _measure_cell(i, before, row, near, setup, features, workspace):
+    """Write corners, long period and ripples of cell i to the features, which have the first two tests already.
+
+    Row has the chunk, and of what comes before it the last `near` samples.
+    """
+    strings, lags, limits, start = setup
     delay = strings.delay[i]
     corners = count_corners(row, start, delay, strings.corner[i], strings.spread[i], workspace.corners)
     features.corners[i], features.corner_clusters[i], features.sure_corners[i] = corners
     features.loudness[i] /= strings.height[i]
     moves = features.slips[i] > 0 and features.loudness[i] >= limits.silence
     if moves and not features.correlation[i] > limits.correlation:
+        _take_before(i, before, row, 0, start)
         height, lag = search_row(
             row, start, int(limits.period), lags.shortest, lags.longest, limits.correlation, workspace.long_periods
         )
@@ -222,32 +216,40 @@ def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, work
 @part(**LEAN)
 def _classify_all(state, chunk, setup, result, workspace):
     """Classify all cells, eight at a time."""
-    history, slip_state = state.history, state.slips
+    before, slip_state = state.before, state.slips
     bridge_force, intervals = chunk.bridge_force, chunk.intervals
-    strings, lags, limits = setup
+    strings, lags, limits, start = setup
     features, decision = result
     rows, maxima = workspace.rows, workspace.maxima
-    start, cells, samples, period = history.shape[1], history.shape[0], bridge_force.shape[1], int(limits.period)
+    cells, samples, period = bridge_force.shape[0], bridge_force.shape[1], int(limits.period)
+    longest = max(lags.last, period)
+    for delay in strings.delay:
+        longest = max(longest, delay)
+    near = min(start, longest + 1)  # only the search for long periods needs all samples before the chunk
     for group in range(0, cells, LANES):
         number = min(LANES, cells - group)  # lanes without a cell compute on old data, which nobody reads
+        ahead = NextRows(bridge_force, before, near, group + LANES, min(LANES, max(cells - group - LANES, 0)))
         for lane in range(number):
-            _take(group + lane, history, bridge_force, rows[lane])
+            _take_before(group + lane, before, rows[lane], start - near, start)
+            _copy(bridge_force[group + lane], rows[lane, start:])
         if state.wolf.power.shape[0] > 0:
             keep_power(group, number, chunk.number, rows, start, period, state.wolf, workspace.wolf)
-        correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, maxima)
+        correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, ahead, maxima)
         for lane in range(number):
             i = group + lane
-            if i + LANES < cells:
-                _prefetch_row(bridge_force, i + LANES)
-                _prefetch_row(history, i + LANES)
+            fetch_share(ahead, FIRST_TEST + lane)
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
+            if not features.correlation[i] > limits.correlation:  # long periods may be searched for
+                end = (i + 1) * before.shape[1]
+                fetch_samples(before, end - start, end - near)
             slips = count_slips(
                 i, intervals, samples, strings.slip[i], strings.rise[i], strings.gap[i], slip_state,
                 workspace.slip_tally, workspace.onsets, workspace.stops,
             )  # fmt: skip
             features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
-            _measure_cell(i, rows[lane], start, setup, features, workspace)
+            fetch_before(ahead, lane)
+            _measure_cell(i, before, rows[lane], near, setup, features, workspace)
             _remember(
                 i, chunk.number, rows[lane], start, features.slips[i], limits, lags.longest, state.wolf, state.releases,
                 workspace.wolf, workspace.onsets, workspace.stops, features.beat, features.transient,
@@ -264,7 +266,7 @@ def build(version: int) -> Any:
         if wrong >= 0 or version < 0:
             return wrong
         workspace = _workspace(
-            chunk.bridge_force.shape[1], state.history.shape[1], int(setup.limits.period), setup.lags, state.wolf
+            chunk.bridge_force.shape[1], setup.start, int(setup.limits.period), setup.lags, state.wolf
         )
         _classify_all(state, chunk, setup, result, workspace)
         return wrong

@@ -14,20 +14,26 @@ import numpy as np
 
 from bow_classifier.features.slips import FACTORS, sureness
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd import columns, lanes
+from bow_sim.simd import bits, columns, lanes
+from bow_sim.simd.bits import BYTES, MANY
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, absolute, choose
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
-spread: Any = lanes.spread
-store: Any = lanes.store
-read: Any = lanes.read
 bits_of: Any = lanes.bits_of
 lowest_bit: Any = lanes.lowest_bit
+find_onsets: Any = bits.find_onsets
+mask_of: Any = lanes.mask_of
+nonzero: Any = bits.nonzero
+spread: Any = lanes.spread
+store: Any = lanes.store
 flipped: Any = columns.flipped
 
-_BITS = 64
-"""Samples whose candidates for a corner are the bits of one number."""
+_NONE = np.uint64(1 << LANES)
+"""A bit beyond those of eight lanes: without another, it is the lowest."""
+
+_ALL = 2**LANES - 1
+"""The bits of all lanes."""
 
 
 class Corners(NamedTuple):
@@ -53,45 +59,58 @@ class Workspace(NamedTuple):
 
     Attributes
     ----------
-    levels, tally
-        (8,) float32: the thresholds, and how many corners exceed each of them.
+    levels
+        (factors,) float32: the thresholds.
+    tally
+        (factors,) float32: how many corners exceed each of them.
+    counts
+        (factors * 8,) float32: the same in each of eight lanes.
     found
-        (samples / 8, rounded up to words,) uint8: where a corner may be, as bits, the lowest first.
-    words
-        The same memory as uint64, on all machines that Numba compiles for: their lowest byte is the first.
+        (samples / 8, rounded up to `BYTES`,) uint8: where a corner may be, as bits, the lowest first.
     """
 
     levels: Any
     tally: Any
+    counts: Any
     found: Any
-    words: Any
 
 
 @part(nogil=True, error_model="numpy")
 def corner_workspace(samples):
     """Return the workspace for windows of `samples`."""
-    words = np.zeros(-(-samples // _BITS), np.uint64)
-    return Workspace(np.empty(LANES, np.float32), np.empty(LANES, np.float32), words.view(np.uint8), words)
+    factors = FACTORS.shape[0]
+    return Workspace(
+        np.empty(factors, np.float32),
+        np.empty(factors, np.float32),
+        np.empty(factors * LANES, np.float32),
+        np.zeros(-(-samples // (LANES * BYTES)) * BYTES, np.uint8),
+    )
 
 
 @part(**LEAN)
-def _starts(row, at, delay, lowest, highest):
-    """Return, as bits, at which of eight samples y may begin to exceed a level between the two."""
+def _steps(row, at, delay):
+    """Return the magnitude of y at eight samples, and y of the samples before, negative if the sign is another."""
     now = load(row, at) - load(row, at - delay)
     before = load(row, at - 1) - load(row, at - 1 - delay)
-    return bits_of((absolute(now) > lowest) & (flipped(before, now) <= highest))
+    return absolute(now), flipped(before, now)
 
 
 @part(**LEAN)
 def _candidates(row, start, delay, lowest, highest, found):
-    """Write the same for all samples from `start` on to `found`, a byte for eight of them."""
-    end, place = row.shape[0], 0
-    for at in range(start, end - LANES + 1, LANES):
-        found[place] = _starts(row, at, delay, lowest, highest)
-        place += 1
-    over = (end - start) % LANES
-    if over:  # the last group overlaps the one before
-        found[place] = _starts(row, end - LANES, delay, lowest, highest) >> (LANES - over)
+    """Write to `found` where y may begin to exceed a level between the two, for all samples from `start` on."""
+    end = row.shape[0]
+    count = (end - start) // MANY * MANY
+    find_onsets(row, start, count, delay, lowest, highest, found)
+    for at in range(start + count, end, LANES):
+        first = min(at, end - LANES)  # the last group overlaps the one before
+        size, before = _steps(row, first, delay)
+        found[(at - start) // LANES] = bits_of((size > lowest) & (before <= highest)) >> (at - first)
+
+
+@part(**LEAN)
+def _onsets(size, before, level):
+    """Return in which lanes y begins to exceed a level."""
+    return (size > level) & (before <= level)
 
 
 @part(**LEAN)
@@ -112,32 +131,50 @@ def count_corners(row, start, delay, level, gap, workspace):
         Samples; two corners further apart belong to different clusters.
     workspace : Workspace
     """
-    levels, tally, found, words = workspace
+    levels, tally, counts, found = workspace
     end = row.shape[0]
-    for k in range(LANES):
-        levels[k] = FACTORS[k] * level if k < FACTORS.shape[0] else np.inf
+    for k in range(FACTORS.shape[0]):
+        levels[k] = FACTORS[k] * level
     lowest, highest = levels[0], levels[0]
     for k in range(1, FACTORS.shape[0]):
         lowest, highest = min(lowest, levels[k]), max(highest, levels[k])
-    high = load(levels, 0)
-    count, one = spread(np.float32(0.0)), spread(np.float32(1.0))
+    one, zero = spread(np.float32(1.0)), spread(np.float32(0.0))
+    a = b = c = d = e = zero  # corners that exceed each of the levels
     near = int(gap)  # samples are whole numbers: none lies between this and the gap
     latest, clusters = -end, 0
     _candidates(row, start, delay, lowest, highest, found)
-    begin = start
-    for word in words:
-        candidates = word
-        while candidates:
-            t = begin + lowest_bit(candidates)
-            candidates &= candidates - np.uint64(1)
-            now = read(row, t, lowest) - read(row, t - delay, lowest)
-            before = read(row, t - 1, lowest) - read(row, t - 1 - delay, lowest)
-            if_up = -before if now < 0.0 else before
-            onset = (high < abs(now)) & (high >= if_up)
-            count = count + choose(onset, one, 0.0)
-            counts = bits_of(onset) & 1
-            clusters += counts & int(t - latest > near)
-            latest = t if counts else latest
-        begin += _BITS
-    store(tally, 0, count)
+    for word in range(0, found.shape[0], BYTES):
+        groups = nonzero(found, word)
+        while groups:  # no branches within, but for two corners in a group: they would often be predicted wrongly
+            at = start + LANES * (word + lowest_bit(groups))
+            groups &= groups - np.uint64(1)
+            place = min(at, end - LANES)
+            size, before = _steps(row, place, delay)
+            size = choose(mask_of(np.uint8(_ALL << (at - place))), size, 0.0)
+            onset = _onsets(size, before, levels[0])
+            a = a + choose(onset, one, 0.0)
+            b = b + choose(_onsets(size, before, levels[1]), one, 0.0)
+            c = c + choose(_onsets(size, before, levels[2]), one, 0.0)
+            d = d + choose(_onsets(size, before, levels[3]), one, 0.0)
+            e = e + choose(_onsets(size, before, levels[4]), one, 0.0)
+            bits = np.uint64(bits_of(onset))
+            t = place + lowest_bit(bits | _NONE)
+            clusters += int((bits != 0) & (t - latest > near))
+            latest = t if bits else latest
+            bits &= bits - np.uint64(1)
+            while bits:
+                t = place + lowest_bit(bits)
+                clusters += int(t - latest > near)
+                latest = t
+                bits &= bits - np.uint64(1)
+    store(counts, 0, a)
+    store(counts, LANES, b)
+    store(counts, 2 * LANES, c)
+    store(counts, 3 * LANES, d)
+    store(counts, 4 * LANES, e)
+    for k in range(FACTORS.shape[0]):
+        total = np.float32(0.0)
+        for lane in range(LANES):
+            total += counts[k * LANES + lane]
+        tally[k] = total
     return Corners(int(tally[0]), clusters, sureness(tally))

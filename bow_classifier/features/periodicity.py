@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bow_classifier.features.next_rows import fetch_share
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
 from bow_sim.simd.columns import columns
@@ -134,7 +135,7 @@ def _add_coefficient(products, at, mean, variation, total, square, floor, one_nt
 
 
 @part(**LEAN)
-def _correlations(rows, less, windows, n, first, last, workspace):
+def _correlations(rows, less, windows, n, first, last, workspace, ahead):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
     They are averages over the windows of n samples; NaN where a window is constant. At a lag of n the earlier window is
@@ -149,12 +150,15 @@ def _correlations(rows, less, windows, n, first, last, workspace):
     earlier, earlier_square = _moments(x, start - n, n)
     for w in range(windows):
         begin = start + w * n
+        fetch_share(ahead, 3 * w)
         taken = _take(rows, begin_of_x, taken, begin_of_x + begin + n, less, x)  # now, to be in cache for the sums
+        fetch_share(ahead, 3 * w + 1)
         total, square = _moments(x, begin, n)
         variation = square - total * total * one_nth
         variation = choose(variation > square * CONSTANT, variation, np.nan)
         mean, floor = total * one_nth, earlier_square * CONSTANT
         _products(x, begin, n, last, last - first + 1, products)
+        fetch_share(ahead, 3 * w + 2)
         up, up_square = earlier, earlier_square
         for lag in range(n, last + 1):
             _add_coefficient(products, (last - lag) * LANES, mean, variation, up, up_square, floor, one_nth, r)
@@ -198,7 +202,7 @@ def _best_maximum(r):
 
 
 @part(**LEAN)
-def correlate_eight(rows, start, period, first, last, workspace, result):
+def correlate_eight(rows, start, period, first, last, workspace, ahead, result):
     """Write the result of the first test for eight cells to `result`.
 
     Parameters
@@ -213,13 +217,15 @@ def correlate_eight(rows, start, period, first, last, workspace, result):
     first, last : int
         Lags searched, samples, both included; the nominal period lies between them.
     workspace : Workspace
+    ahead : NextRows
+        The first shares of their bridge force are fetched.
     result : EightMaxima
         Changed in place.
     """
     level, samples = workspace.level, rows.shape[1] - start
     for row in range(LANES):
         level[row] = np.float64(rows[row, start])  # near the mean: the sums then cancel less
-    total, square = _correlations(rows, load(level, 0), samples // period, period, first, last, workspace)
+    total, square = _correlations(rows, load(level, 0), samples // period, period, first, last, workspace, ahead)
     best, place = _best_maximum(workspace.correlations)
     store(result.height, 0, best)
     store(result.lag, 0, -place + np.float64(last))

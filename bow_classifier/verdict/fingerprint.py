@@ -22,6 +22,7 @@ HERE = (
     "features/corners",
     "features/first_slips",
     "features/long_periods",
+    "features/next_rows",
     "features/periodicity",
     "features/ripples",
     "features/slips",
@@ -35,7 +36,18 @@ SOURCES = (
     *(Path(__file__).parents[1] / f"{name}.py" for name in HERE),
     *(
         Path(simd.__path__[0]) / f"{name}.py"
-        for name in ("columns", "elementary", "jit", "lane_types", "lanes", "options", "parts", "products", "rows")
+        for name in (
+            "bits",
+            "columns",
+            "elementary",
+            "jit",
+            "lane_types",
+            "lanes",
+            "options",
+            "parts",
+            "products",
+            "rows",
+        )
     ),
 )
 """Files that decide a verdict; a test finds one that is missing."""

@@ -14,21 +14,26 @@ from bow_sim.simd.lane_types import LANES, LANES_OF, element_aligned, pointer, v
 _I64 = ir.IntType(64)
 
 _HALF = 4
-"""Rows and samples of a transposition: two numbers of each of four rows fit the shuffles that all machines have."""
+"""Samples that are read from a row at once: one half of a register takes them from a row, the other from a row four
+further on, and two rounds of shuffles within the halves transpose eight rows."""
 
 
 def _order(*places: int) -> ir.Constant:
     return ir.Constant(ir.VectorType(ir.IntType(32), len(places)), places)
 
 
+def _in_both_halves(*places: int) -> ir.Constant:
+    """Return the order that shuffles each half of two registers in the same way; places 4 ... 7 are of the second."""
+    return _order(*(place % _HALF + half + place // _HALF * LANES for half in (0, _HALF) for place in places))
+
+
 def _transposed(builder: Any, rows: list[Any]) -> list[Any]:
-    """Transpose four vectors of four in two rounds of shuffles."""
+    """Transpose each half of four registers of eight in two rounds of shuffles."""
     a, b, c, d = rows
-    low, high = _order(0, 4, 1, 5), _order(2, 6, 3, 7)
-    pairs = [(builder.shuffle_vector(a, b, order), builder.shuffle_vector(c, d, order)) for order in (low, high)]
-    return [
-        builder.shuffle_vector(*pair, order) for pair in pairs for order in (_order(0, 1, 4, 5), _order(2, 3, 6, 7))
-    ]
+    orders = _in_both_halves(0, 4, 1, 5), _in_both_halves(2, 6, 3, 7)
+    pairs = [(builder.shuffle_vector(a, b, order), builder.shuffle_vector(c, d, order)) for order in orders]
+    orders = _in_both_halves(0, 1, 4, 5), _in_both_halves(2, 3, 6, 7)
+    return [builder.shuffle_vector(*pair, order) for pair in pairs for order in orders]
 
 
 @intrinsic
@@ -43,19 +48,19 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o:
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         x_value, i_value, w, less, out_value, o_value = args
-        single, double = (ir.VectorType(kind, _HALF) for kind in (ir.FloatType(), ir.DoubleType()))
-        places = [builder.add(i_value, builder.mul(w, ir.Constant(_I64, row))) for row in range(LANES)]
-        for first in range(0, LANES, _HALF):
-            half = builder.shuffle_vector(less, less, _order(first, first + 1, first + 2, first + 3))
-            for begin in range(0, LANES, _HALF):
-                rows = []
-                for start in places[first : first + _HALF]:
-                    place = builder.add(start, ir.Constant(_I64, begin))
-                    rows.append(element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x))
-                for t, column in enumerate(_transposed(builder, rows)):
-                    value = builder.fsub(builder.fpext(column, double), half)
-                    place = builder.add(o_value, ir.Constant(_I64, LANES * (begin + t) + first))
-                    element_aligned(builder.store(value, pointer(context, builder, out, out_value, place, double)), out)
+        single, eight = ir.VectorType(ir.FloatType(), _HALF), vector(level)
+        whole = _order(*range(LANES))
+
+        def read(row: int, begin: int) -> Any:
+            place = builder.add(i_value, builder.add(builder.mul(w, _I64(row)), _I64(begin)))
+            return element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x)
+
+        for begin in range(0, LANES, _HALF):
+            pairs = [(read(row, begin), read(row + _HALF, begin)) for row in range(_HALF)]
+            rows = [builder.shuffle_vector(*pair, whole) for pair in pairs]
+            for t, column in enumerate(_transposed(builder, rows), begin):
+                place = pointer(context, builder, out, out_value, builder.add(o_value, _I64(LANES * t)), eight)
+                element_aligned(builder.store(builder.fsub(builder.fpext(column, eight), less), place), out)
         return context.get_dummy_value()
 
     return types.void(x, types.intp, types.intp, level, out, types.intp), codegen
@@ -86,7 +91,7 @@ def prefetch(typingctx: Any, x: Any, i: Any) -> Any:
         place = pointer(context, builder, x, args[0], args[1], byte)
         kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), number, number, number])
         fetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(fetch, [place, number(0), number(2), number(1)])
+        builder.call(fetch, [place, number(0), number(3), number(1)])
         return context.get_dummy_value()
 
     return types.void(x, types.intp), codegen

@@ -19,6 +19,7 @@ from kinematics import (
 )
 from reference import corner_times, slip_ends
 from reference import periodicity as slow_periodicity
+from window import no_slips
 
 from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.features.slips import Intervals
@@ -217,6 +218,20 @@ def test_a_refused_chunk_leaves_the_state_as_it_was():
     for chunk in (second, third, fourth):
         for a, b in zip(classifier.classify(*chunk), same.classify(*chunk), strict=True):
             assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("period", [8, GEOMETRY.period])
+def test_what_comes_before_a_chunk_is_kept_also_where_it_is_longer_than_a_chunk(period):
+    samples, cells = 5 * period, 3
+    classifier = BlockClassifier(Geometry(period, 3, samples), Thresholds(), cells)
+    wave = np.random.default_rng(3).normal(size=(cells, 4 * samples)).astype(np.float32)
+    start = classifier._setup.start
+    assert (start > samples) == (period == 8)
+    for number in range(4):
+        end = (number + 1) * samples
+        classifier.classify(wave[:, end - samples : end], no_slips(cells))
+        past = np.concatenate([np.zeros((cells, start), np.float32), wave[:, :end]], axis=1)[:, -start:]
+        assert classifier._state.before[:, -start:].tobytes() == past.tobytes()
 
 
 @pytest.fixture(scope="module")

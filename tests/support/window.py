@@ -78,9 +78,10 @@ def measure(
     force = np.ascontiguousarray(record[:, start:], np.float32)
     force.flags.writeable = False
     before = np.ascontiguousarray(record[:, :start], np.float32)
+    before.flags.writeable = False
     block = BlockState(before, state or SlipState.at_rest(cells), WolfState.empty(0, 5), Releases.none(0))
     result = Result(Features.empty(np.full(cells, 15 / 139)), Decision.empty(cells))
     chunk = Chunk(force, (intervals or no_slips(cells)).copied(), 0)
-    wrong = classify_cells(block, chunk, Setup(strings, Lags(*near, *long), usual), result)
+    wrong = classify_cells(block, chunk, Setup(strings, Lags(*near, *long), usual, start), result)
     assert wrong < 0, f"cell {wrong} does not continue the chunk before"
     return result.features

@@ -90,7 +90,7 @@ def test_what_precedes_a_window_reaches_farther_back_than_any_ripple_period_and_
     block = BlockClassifier(Geometry(period, 1, 5 * period), Thresholds(lag_long=lag_long), 1, bow_bridge=period - 1)
     lags = block._setup.lags
     assert 0 < lags.first < period < lags.last < lags.shortest < lags.longest
-    assert block._state.history.shape[1] > max(lags.longest + 1, period - 1)
+    assert block._setup.start > max(lags.longest + 1, period - 1)
 
 
 def cut(slipping, speed, borders):

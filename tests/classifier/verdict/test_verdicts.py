@@ -198,7 +198,7 @@ def test_long_lags_lie_beyond_the_near_ones_and_within_the_history():
             block = BlockClassifier(Geometry(period, 1, 5 * period), thresholds, 1)
             lags = block._setup.lags
             assert period < lags.last < lags.shortest < lags.longest
-            assert block._state.history.shape[1] >= samples_before(lags.longest) > lags.longest
+            assert block._setup.start >= samples_before(lags.longest) > lags.longest
 
 
 @pytest.mark.parametrize("delay", [5, 15, 40])

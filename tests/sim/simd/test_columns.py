@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bow_sim.simd.bits import BYTES, MANY, find_onsets, nonzero
+from bow_sim.simd.columns import columns
+from bow_sim.simd.jit import njit
+from bow_sim.simd.lanes import LANES, load
+
+
+@njit(nogil=True)
+def transposed(x, i, width, level, out, at):
+    columns(x, i, width, load(level, 0), out, at)
+
+
+@njit(nogil=True)
+def onsets(x, start, count, delay, low, high, found):
+    find_onsets(x, start, count, delay, low, high, found)
+
+
+@njit(nogil=True)
+def some(found, i):
+    return nonzero(found, i)
+
+
+def test_eight_rows_are_transposed_less_their_levels():
+    rng = np.random.default_rng(1)
+    x, level = rng.normal(size=(LANES, 21)).astype(np.float32), rng.normal(size=LANES)
+    out = np.full((LANES + 2, LANES), 7.0)
+    transposed(x, 5, x.shape[1], level, out.reshape(-1), LANES)
+    assert out[1:-1].tobytes() == (x[:, 5 : 5 + LANES].T.astype(float) - level).tobytes()
+    assert (out[[0, -1]] == 7.0).all()  # nothing else is written
+
+
+@pytest.mark.parametrize("delay", [1, 7, 40])
+@pytest.mark.parametrize("count", [0, MANY, 5 * MANY])
+def test_onsets_are_where_a_level_between_the_two_may_be_passed_upwards_or_downwards(delay, count):
+    x, start = np.random.default_rng(delay).normal(size=200).astype(np.float32), 41
+    x[60:63] = np.nan, 0.0, -0.0
+    low, high = np.float32(0.5), np.float32(1.25)
+    found = np.full(count // LANES + 1, 255, np.uint8)
+    onsets(x, start, count, delay, low, high, found)
+    now, before = (x[begin : begin + count] - x[begin - delay : begin - delay + count] for begin in (start, start - 1))
+    expected = (np.abs(now) > low) & (np.where(np.signbit(now), -before, before) <= high)
+    assert np.unpackbits(found[:-1], bitorder="little").tolist() == expected.astype(int).tolist()
+    assert count == 0 or 0 < expected.sum() < count
+    assert found[-1] == 255  # nothing else is written
+
+
+def test_bytes_that_are_not_zero_are_the_bits_of_a_word():
+    found = np.random.default_rng(2).integers(0, 2, 2 * BYTES, np.uint8) * np.uint8(17)
+    for i in (0, 3, BYTES):
+        assert int(some(found, i)) == sum(1 << k for k in range(BYTES) if found[i + k])
