@@ -12,4 +12,5 @@ elementary  exp, log, cosine and sine with the same bits on every machine
 rows        convolution and transposition of rows of eight lanes
 products    sums of products of rows with earlier rows, for several lags at once
 columns     transposition of eight rows of samples, and prefetching
+bits        comparisons of many samples at once, as bits
 """
