@@ -3,7 +3,7 @@
 The bridge force x is averaged over one period of the Schelleng ripples, bow-bridge-bow, and differentiated; together
 this is y[t] = x[t] - x[t - d], d the ripple period: a passing corner makes a pulse of width d and height of about
 v_b/beta. A corner is counted where y rises above the threshold, or falls below minus the threshold; only the previous
-sample is needed to see that. All in float32, as in the stream, eight samples at a time.
+sample is needed to see that. All in float32, as in the stream.
 """
 
 from __future__ import annotations
