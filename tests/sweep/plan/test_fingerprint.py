@@ -17,14 +17,6 @@ from bow_sim.physics import exact
 from bow_sweep.plan.sweep import Sweep
 
 SMALL = ("x.count=8", "y.count=4", "periods=20")
-OTHERS = {
-    "model": "model=stiff_cremer",
-    "law": "friction=coulomb",
-    "gesture": "gesture=martele",
-    "hair": "hair=wedge_bow",
-    "number type": "dtype=float32",
-    "axis": "x.last=21",
-}
 
 
 def of(*settings: str) -> str:
