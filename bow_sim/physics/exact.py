@@ -51,7 +51,8 @@ def geometric(first: float, last: float, count: int) -> NDArray[np.float64]:
     Each is a product of two numbers of 106 bits, rounded once: so few exponentials do for millions of numbers.
     """
     start = _LONG.log(first)
-    step = _LONG.div(_LONG.sub(_LONG.log(last), start), max(count - 1, 1))
+    share = gmpy2.mpq(1, max(count - 1, 1))  # div() has the precision of the thread's own context before gmpy2 2.3
+    step = _LONG.mul(_LONG.sub(_LONG.log(last), start), share)
     if max(first, last) > _GREAT or min(first, last) < 1 / _GREAT:  # products of halves are no numbers then
         values = np.array([float(_LONG.exp(_LONG.add(start, _LONG.mul(step, k)))) for k in range(count)])
     else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from decimal import Decimal, localcontext
 
+import gmpy2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -62,3 +63,14 @@ def test_the_inverse_transform_is_that_of_numpy(size: int) -> None:
     spectrum = np.fft.rfft(np.random.default_rng(size).standard_normal(size))
     found = exact.inverse_real_fft(spectrum.real, spectrum.imag)
     assert found == pytest.approx(np.fft.irfft(spectrum, size), abs=1e-14)
+
+
+def test_the_precision_that_a_program_sets_for_its_thread_changes_nothing() -> None:
+    def found() -> list[object]:
+        x = 0.3
+        functions = exact.exp(x), exact.power(x, 1.7), exact.tan(x), exact.turn(x)
+        return [*functions, exact.geometric(0.5, 20, 8).tolist(), exact.geometric(1e-300, 1, 9).tolist()]
+
+    usual = found()
+    with gmpy2.context(precision=24):
+        assert found() == usual

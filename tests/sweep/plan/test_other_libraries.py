@@ -23,8 +23,8 @@ pytestmark = [pytest.mark.full, pytest.mark.timeout(900)]
 NEEDED = ("numpy", "numba", "gmpy2", "pyyaml", "xxhash")
 """What fingerprints, kernel and classifier import."""
 
-OLD_NUMPY = "numpy==1.26.4"
-"""That of Ubuntu 24.04, so of an installation of ROS 2 Jazzy."""
+OLD = ("numpy==1.26.4", "gmpy2==2.2.1")
+"""The NumPy of an installation of ROS 2 Jazzy, and the oldest gmpy2 that has wheels for its Python."""
 
 Hashes = dict[str, dict[str, str]]
 """Map -> part of it -> hash, as :mod:`digests` has them."""
@@ -66,11 +66,11 @@ def install(python: Path, *options: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def with_old_numpy(place: Path) -> Path:
-    """Return this Python, for which an older NumPy than its own is now in the folder numpy."""
+def with_old_libraries(place: Path) -> Path:
+    """Return this Python, for which older libraries than its own are now in the folder old."""
     if sys.version_info >= (3, 13):
-        pytest.skip(f"{OLD_NUMPY} has no wheels for Python {sys.version_info[0]}.{sys.version_info[1]}")
-    install(Path(sys.executable), "--no-deps", "--target", str(place / "numpy"), OLD_NUMPY)
+        pytest.skip(f"{OLD[0]} has no wheels for Python {sys.version_info[0]}.{sys.version_info[1]}")
+    install(Path(sys.executable), "--no-deps", "--target", str(place / "old"), *OLD)
     return Path(sys.executable)
 
 
@@ -86,7 +86,7 @@ def with_python(version: str, place: Path) -> Path:
 
 
 OTHERS: dict[str, Callable[[Path], Path]] = {
-    "NumPy 1.26": with_old_numpy,
+    "NumPy 1.26": with_old_libraries,
     "Python 3.10": partial(with_python, "3.10"),
     "Python 3.13": partial(with_python, "3.13"),
 }
@@ -95,7 +95,7 @@ OTHERS: dict[str, Callable[[Path], Path]] = {
 def printed_by(command: list[str | Path], sources: Path, **variables: str) -> Any:
     """Return what a Python prints as JSON; it imports these sources, and stores compiled code beside them."""
     kept = {n: v for n, v in os.environ.items() if n in ("PATH", "HOME") or n.startswith("_ROS_WHEELS")}
-    paths = [*sources.parent.glob("numpy"), sources, sources / "tests/support"]
+    paths = [*sources.parent.glob("old"), sources, sources / "tests/support"]
     kept["PYTHONPATH"] = os.pathsep.join(map(str, paths))
     done = subprocess.run(command, cwd=sources, env=kept | variables, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
