@@ -111,8 +111,8 @@ class Side(NamedTuple):
         window of rows is contiguous. Rows behind it stay 0.
     length, lead : int
         Rows, multiples of eight: eight steps that begin at such a number are not divided.
-    arrived : ndarray, shape (8, 8)
-        Incoming wave in the current eight steps, rows of the workspace in `State`.
+    arrived : ndarray, shape (8, 8), or (16, 8) for the torsional bridge
+        Incoming wave in the current eight steps, and in those after them: rows of the workspace in `State`.
     """
 
     taps: Any
@@ -173,7 +173,7 @@ class State(NamedTuple):
     ----------
     slipping : ndarray of uint8, shape (groups,)
         After the latest step, one bit a lane.
-    work : ndarray, shape (41, 8)
+    work : ndarray, shape (49, 8)
         Workspace of eight steps: what arrives from each of the four sides, and the sums of the slip speed before each
         step and after them.
     """

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_sim.kernel import few_cells, time_loop
+from bow_sim.kernel import few_cells, rings, time_loop
 from bow_sim.kernel.ahead import Ahead, sides_of
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.sources import source_hash
@@ -22,6 +22,7 @@ from bow_sim.physics.body import resonators
 from bow_sim.physics.cells import Cells, cells
 from bow_sim.physics.parameters import Parameters
 from bow_sim.physics.reflection_text import Reflection
+from bow_sim.simd.jit import entry
 from bow_sim.simd.lanes import LANES, aligned
 
 STANDARD = frozenset({(1, 1, 10, 10), (1, 30, 10, 10)})
@@ -114,7 +115,7 @@ class Block:
         )
         make = self._general_side if self._general else self._standard_side
         self.admittance = y = described.bow_admittance()
-        self._work = aligned((time_loop.TOTALS + time_loop.STRIDE + 1, LANES), self._dtype)
+        self._work = aligned((rings.TOTALS + rings.STRIDE + 1, LANES), self._dtype)
         body = self._make_body(described)
         at_bow = {
             "law": self._lanes_of(self._make_law(described)),
@@ -128,9 +129,9 @@ class Block:
             sides = sides_of(each, samples)
             self._string = few_cells.String(sides, body, **at_bow)
         else:
-            arrived = self._work[: time_loop.TOTALS].reshape(len(SIDES), time_loop.STRIDE, LANES)
             bridge, nut, torsion_bridge, torsion_nut = (
-                make(same)._replace(arrived=x) for same, x in zip(functions, arrived, strict=True)
+                make(same)._replace(arrived=self._work[rings.ARRIVED[name]])
+                for name, same in zip(SIDES, functions, strict=True)
             )
             self._string = String(bridge._replace(body=body), nut, torsion_bridge, torsion_nut, **at_bow)
         self._levels = self._lanes_of(
@@ -141,6 +142,7 @@ class Block:
         )
         waveforms = len(self.trace_names)
         self._ahead: Ahead | None = None
+        self._entry: Any = None
         if self._few:
             levels, size = self._levels._asdict(), (described.count, samples, parameters.chunks)
             self._ahead = Ahead(_advance_few, self._string, levels, self._shapes_ahead, *size, waveforms, trace)
@@ -176,7 +178,10 @@ class Block:
         bridge_force = np.empty((self._groups * LANES, samples), np.float32)
         slipping = np.unpackbits(self._state.slipping, bitorder="little")[: self._count]
         output = Output(bridge_force, self._intervals, self.traces)
-        self._kernel(start, samples, self._string, shapes, self._state, output)
+        arguments = start, samples, self._string, shapes, self._state, output
+        if self._entry is None:
+            self._entry = entry(self._kernel, arguments)
+        self._entry(*arguments)
         offsets = np.zeros(self._count + 1, np.uint32)
         np.cumsum(self._intervals.count[: self._count], out=offsets[1:])
         size = int(offsets[-1])
@@ -241,8 +246,8 @@ class Block:
             pole=self._lane(pole),
             sum_z=self._lane(0 * one),
             tail=self._lane(0 * one),
-            force=aligned((time_loop.STRIDE, LANES), self._dtype),
-            velocity=aligned((time_loop.STRIDE, LANES), self._dtype),
+            force=aligned((rings.STRIDE, LANES), self._dtype),
+            velocity=aligned((rings.STRIDE, LANES), self._dtype),
         )
 
     def _shapes(self, start: int, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -293,7 +298,7 @@ class Block:
 
     def _ring(self, last: int, taps: int, beyond: int = 0) -> dict[str, Any]:
         """Make a ring for this greatest lag, windows of so many taps, and so many rows that are read beyond its end."""
-        whole = time_loop.STRIDE
+        whole = rings.STRIDE
         lead = -(-(taps + whole - 1) // whole) * whole  # rows that eight steps read
         length = max(-(-last // whole) * whole, lead, LEAST_RING)
         ring = aligned((self._groups, lead + length + beyond, LANES), self._dtype)

@@ -15,6 +15,8 @@ SOURCES = (
     "kernel/arguments",
     "kernel/body",
     "kernel/hair",
+    "kernel/rings",
+    "kernel/eight_steps",
     "kernel/time_loop",
     "kernel/few_cells",
     "kernel/ahead",

@@ -19,17 +19,25 @@ from numba import types
 
 from bow_sim.kernel.arguments import Gesture, Output, State, String
 from bow_sim.kernel.body import of_body, reflect_at_body
+from bow_sim.kernel.eight_steps import are_possible, eight_steps, sums_before
 from bow_sim.kernel.hair import pull_hair, with_hair
+from bow_sim.kernel.rings import STRIDE, TOTALS, row_of, shape_at
 from bow_sim.physics.friction import solve, state_of
-from bow_sim.simd.jit import INLINE, OVERLOAD, njit, overload, part
-from bow_sim.simd.lanes import LANES, bits_of, choose, load, lowest_bit, mask_of, read, signs_of, spread, store, write
+from bow_sim.simd.jit import INLINE, OVERLOAD, align_stack, njit, overload, part
+from bow_sim.simd.lanes import (
+    LANES,
+    bits_of,
+    choose,
+    load,
+    lowest_bit,
+    mask_of,
+    read,
+    signs_of,
+    spread,
+    store,
+    write,
+)
 from bow_sim.simd.rows import fir_each_of, fir_of, transpose
-
-STRIDE = 64 // LANES
-"""Steps computed together: the states of eight lanes in these steps are the 64 bits of a number."""
-
-TOTALS = 4 * STRIDE
-"""The first row of the sums of the slip speed in the workspace; before them is what arrives from the four sides."""
 
 _fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
 _fir_each1, _fir_each2, _fir_each8 = fir_each_of(1), fir_each_of(2), fir_each_of(8)
@@ -67,13 +75,6 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
     return each
 
 
-@part(**INLINE)
-def _row(side: Any, group: Any, position: Any) -> Any:
-    """Return the row of all rings for a position in a group's ring, from which on a window is contiguous."""
-    position = position + side.length if position < -side.lead else position
-    return group * side.ring.shape[1] + side.lead + position
-
-
 def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
     """Return the outgoing wave at the tail's first lag: of row ``row``, or of each lane's own row from there on."""
     raise NotImplementedError
@@ -109,7 +110,7 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: 
             return
         z = load(tail.state, group * LANES)
         pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
-        first = _row(side, group, block + u - tail.last[group])
+        first = row_of(side, group, block + u - tail.last[group])
         for r in range(n):
             z = pole * z + gain * _delayed(tail.taps, group, side.ring, first + r)
             store(side.arrived, (u + r) * LANES, load(side.arrived, (u + r) * LANES) + z)
@@ -128,7 +129,7 @@ def _fill(side: Any, group: Any, u: Any, end: Any, block: Any) -> Any:
     whole = ahead >= STRIDE
     n = min(ahead if whole else min(ahead, 2), end - u)
     first = 0 if whole else u
-    oldest = _row(side, group, block + first - side.last[group])
+    oldest = row_of(side, group, block + first - side.last[group])
     _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
     _add_tail(side, side.tail, group, block, u, n)
     reflect_at_body(side.body, side.arrived, group, u, n)
@@ -144,19 +145,6 @@ def _sent(side: Any, group: Any, block: Any) -> Any:
             store(side.ring, i - side.length * LANES, load(side.ring, i))
     block += STRIDE
     return 0 if block == side.length else block
-
-
-def _shape(table: Any, group: Any, t: Any) -> Any:
-    """Return a gesture's shape at a step, eight lanes."""
-    raise NotImplementedError
-
-
-@overload(_shape, strict=False, jit_options=OVERLOAD)
-def _overload_shape(table: Any, group: Any, t: Any) -> Any:
-    if table.ndim == 1:
-        nothing = getattr(np, str(table.dtype))(0)
-        return lambda table, group, t: spread(read(table, t, nothing))
-    return lambda table, group, t: load(table, (group * table.shape[1] + t) * LANES)
 
 
 def _keep(traces: Any, i: Any, waves: Any) -> None:
@@ -258,6 +246,7 @@ def build(version: int) -> Any:
 
     @njit(nogil=True, cache=version != 0, error_model="numpy", _nrt=False)
     def advance(start: int, samples: int, string: String, gesture: Gesture, state: State, output: Output) -> int:
+        align_stack()
         bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r, hair = string
         slipping, work = state
         bridge_force, intervals, traces = output
@@ -274,49 +263,59 @@ def build(version: int) -> Any:
             early = start % STRIDE  # eight steps begin where the number of samples is a multiple of eight
             at_b, at_n = (start - early) % bridge.length, (start - early) % nut.length
             at_rb, at_rn = (start - early) % torsion_bridge.length, (start - early) % torsion_nut.length
+            constants = (c_t, c_r), (f_end, f_step, v_0, v_1)
+            whole = are_possible(string, traces, group)
             for t0 in range(-early, samples, STRIDE):
                 begin, end = max(0, -t0), min(STRIDE, samples - t0)
-                due = due_b = due_n = due_rb = due_rn = begin
-                row_b, row_n = _row(bridge, group, at_b) * LANES, _row(nut, group, at_n) * LANES
-                row_rb = _row(torsion_bridge, group, at_rb) * LANES
-                row_rn = _row(torsion_nut, group, at_rn) * LANES
-                states = np.uint64(0)
+                row_b, row_n = row_of(bridge, group, at_b) * LANES, row_of(nut, group, at_n) * LANES
+                row_rb = row_of(torsion_bridge, group, at_rb) * LANES
+                row_rn = row_of(torsion_nut, group, at_rn) * LANES
                 store(work, (TOTALS + begin) * LANES, total)
-                for u in range(begin, end):
-                    if u == due:
-                        if u == due_b:
-                            due_b = _fill(bridge, group, u, end, at_b)
-                        if u == due_n:
-                            due_n = _fill(nut, group, u, end, at_n)
-                        if u == due_rb:
-                            due_rb = _fill(torsion_bridge, group, u, end, at_rb)
-                        if u == due_rn:
-                            due_rn = _fill(torsion_nut, group, u, end, at_rn)
-                        due = min(due_b, due_n, due_rb, due_rn)
-                    i = u * LANES
-                    in_b, in_n = load(work, i), load(work, STRIDE * LANES + i)
-                    in_rb, in_rn = load(work, 2 * STRIDE * LANES + i), load(work, 3 * STRIDE * LANES + i)
-                    f_b = f_end + f_step * _shape(gesture.force, group, t0 + u)
-                    v_b = v_0 + v_1 * _shape(gesture.speed, group, t0 + u)
-                    v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
-                    v_b = with_hair(hair, base, v_b)
-                    d = v_b - v_h
-                    s, state_now = solve(law, base, d, f_b, slips)
-                    slips = signs_of(state_now, s)
-                    push = d - s  # Y f
-                    push_t, push_r = c_t * push, c_r * push
-                    out_b = in_n + push_t
-                    store(bridge.ring, row_b + i, out_b)
-                    store(nut.ring, row_n + i, in_b + push_t)
-                    store(torsion_bridge.ring, row_rb + i, in_rn + push_r)
-                    store(torsion_nut.ring, row_rn + i, in_rb + push_r)
-                    total = choose(slips, total + s, 0.0)
-                    store(work, (TOTALS + 1) * LANES + i, total)
-                    states |= np.uint64(bits_of(slips)) << np.uint64(i)
-                    v = pull_hair(hair, base, push, v_h, v_b - s)
-                    waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
-                    waves = waves + of_body(bridge.body, i, push) + state_of(law, base, push)
-                    _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
+                if whole and end - begin == STRIDE:
+                    if t0 < STRIDE:  # the first whole eight
+                        sums = sums_before(string, traces, group, at_rb, total)
+                    rows, at = (row_b, row_n, row_rb, row_rn), (at_b, at_n, at_rb, at_rn)
+                    carried = slips, total, sums
+                    carried, states = eight_steps(string, gesture, work, group, constants, rows, at, t0, carried)
+                    slips, total, sums = carried
+                else:
+                    states = np.uint64(0)
+                    due = due_b = due_n = due_rb = due_rn = begin
+                    for u in range(begin, end):
+                        if u == due:
+                            if u == due_b:
+                                due_b = _fill(bridge, group, u, end, at_b)
+                            if u == due_n:
+                                due_n = _fill(nut, group, u, end, at_n)
+                            if u == due_rb:
+                                due_rb = _fill(torsion_bridge, group, u, end, at_rb)
+                            if u == due_rn:
+                                due_rn = _fill(torsion_nut, group, u, end, at_rn)
+                            due = min(due_b, due_n, due_rb, due_rn)
+                        i = u * LANES
+                        in_b, in_n = load(work, i), load(work, STRIDE * LANES + i)
+                        in_rn, in_rb = load(work, 2 * STRIDE * LANES + i), load(work, 3 * STRIDE * LANES + i)
+                        f_b = f_end + f_step * shape_at(gesture.force, group, t0 + u)
+                        v_b = v_0 + v_1 * shape_at(gesture.speed, group, t0 + u)
+                        v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
+                        v_b = with_hair(hair, base, v_b)
+                        d = v_b - v_h
+                        s, state_now = solve(law, base, d, f_b, slips)
+                        slips = signs_of(state_now, s)
+                        push = d - s  # Y f
+                        push_t, push_r = c_t * push, c_r * push
+                        out_b = in_n + push_t
+                        store(bridge.ring, row_b + i, out_b)
+                        store(nut.ring, row_n + i, in_b + push_t)
+                        store(torsion_bridge.ring, row_rb + i, in_rn + push_r)
+                        store(torsion_nut.ring, row_rn + i, in_rb + push_r)
+                        total = choose(slips, total + s, 0.0)
+                        store(work, (TOTALS + 1) * LANES + i, total)
+                        states |= np.uint64(bits_of(slips)) << np.uint64(i)
+                        v = pull_hair(hair, base, push, v_h, v_b - s)
+                        waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
+                        waves = waves + of_body(bridge.body, i, push) + state_of(law, base, push)
+                        _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
                 _write(bridge.ring, row_b, begin, end, bridge_force, base, t0)
                 _note(states, before, begin, end, t0, base, work, intervals)
                 before = states >> np.uint64(LANES * (end - 1))

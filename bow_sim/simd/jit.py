@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numba
-from numba import extending
+from numba import extending, types
 
 from bow_sim.simd.code_cache import CodeCache
 from bow_sim.simd.parts import OPTIONS, Pipeline, part_of
@@ -39,10 +39,34 @@ def part(**options: Any) -> Any:
     return decorate
 
 
+def entry(function: Any, arguments: tuple[Any, ...]) -> Any:
+    """Return the code of a function of `njit` for arguments of these types, compiled if it is not.
+
+    It may only be called with arguments of the same types, which it does not check: to find the types of a hundred
+    arrays takes as long as 30 cells take for a chunk.
+    """
+    kinds = tuple(numba.typeof(x) for x in arguments)
+    function.compile(kinds)
+    return function.overloads[kinds].entry_point
+
+
 intrinsic: Any = extending.intrinsic
 overload: Any = extending.overload
 register_model: Any = extending.register_model
 lower_builtin: Any = extending.lower_builtin
+
+
+@intrinsic
+def align_stack(typingctx: Any) -> Any:
+    """Let the stack of the function that calls this begin at a cache line."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.function.attributes.add("nounwind")  # llvmlite writes the alignment only beside another attribute
+        builder.function.attributes.alignstack = 64
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
 
 INLINE: dict[str, Any] = {"nogil": True, "_nrt": False, "forceinline": True}
 """Options of the functions that the time loop calls: no reference counts, and inlined."""

@@ -60,8 +60,13 @@ def integers(signs: Any) -> ir.VectorType:
 
 def in_halves(context: Any, lanes: Any) -> bool:
     """Return whether eight lanes are two registers of the machine that is compiled for."""
+    return lanes.dtype is types.float64 and not has_avx512(context)
+
+
+def has_avx512(context: Any) -> bool:
+    """Return whether the machine that is compiled for has AVX-512: 32 registers, and registers for masks."""
     _, _, features = context.codegen().magic_tuple()
-    return lanes.dtype is types.float64 and "+avx512f" not in features.split(",")
+    return "+avx512f" in features.split(",")
 
 
 def half(builder: Any, value: Any, number: int) -> Any:

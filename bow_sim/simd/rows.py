@@ -112,6 +112,42 @@ def fir_each_of(rows: int) -> Any:
     return fir
 
 
+@intrinsic
+def push(typingctx: Any, taps: Any, sums: Any, x: Any) -> Any:
+    """Add a sample to the sums of products that it is part of; return the one that is complete, and the others.
+
+    With T taps there are T - 1 sums of the samples before x, the one that is complete next first. The results are
+    ``sums[0] + taps[T - 1] x``, and ``sums[j] + taps[T - 1 - j] x`` for j from 1 on with ``0 + taps[0] x`` as the last.
+    The sums stay in registers; each has the terms of `fir_of`, in the same order.
+    """
+    others = types.UniTuple(x, taps.count - 1)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        tap_values, sums_value, sample = args
+        kind = vector(x)
+        zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * LANES)
+        before = [builder.extract_value(sums_value, j) for j in range(others.count)] + [zero]
+        after = []
+        for j, value in enumerate(before):
+            tap = broadcast(builder, builder.extract_value(tap_values, taps.count - 1 - j), kind)
+            after.append(builder.fadd(value, builder.fmul(tap, sample)))
+        rest = context.make_tuple(builder, others, after[1:])
+        return context.make_tuple(builder, signature.return_type, [after[0], rest])
+
+    return types.Tuple((x, others))(taps, sums, x), codegen
+
+
+@intrinsic
+def nothing_summed(typingctx: Any, taps: Any, like: Any) -> Any:
+    """Return the sums that `push` takes before the first sample: zeros."""
+    some = types.UniTuple(like, taps.count - 1)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return ir.Constant(context.get_value_type(some), None)
+
+    return some(taps, like), codegen
+
+
 def interleave(builder: Any, rows: Sequence[Any]) -> list[Any]:
     """Transpose eight vectors of eight in three rounds of shuffles."""
     index = ir.VectorType(ir.IntType(32), LANES)

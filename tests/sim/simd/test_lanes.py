@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 
 from bow_sim.simd.lanes import LANES, absolute, aligned, bits_of, choose, load, lowest_bit, mask_of, root, spread, store
-from bow_sim.simd.rows import fir_of, transpose
+from bow_sim.simd.rows import fir_of, nothing_summed, push, transpose
 
 KINDS = (np.float64, np.float32)
 
@@ -93,6 +93,25 @@ def test_several_steps_of_a_convolution_are_sums_from_left_to_right(kind):
         for k, tap in enumerate(taps):
             total = total + tap * x[1 + r + k]
         assert out[r].tolist() == total.tolist()
+
+
+@njit
+def convolve_by_samples(taps, x, out):
+    sums = nothing_summed(taps, load(x, 0))
+    for t in range(x.shape[0]):
+        complete, sums = push(taps, sums, load(x, t * LANES))
+        store(out, t * LANES, complete)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_samples_added_one_by_one_give_the_sums_of_a_convolution_to_the_bit(kind):
+    rng = np.random.default_rng(8)
+    x, out = rng.normal(size=(8, LANES)).astype(kind), np.zeros((8, LANES), kind)
+    taps = tuple(kind(t) for t in rng.normal(size=5))
+    four = np.zeros((4, LANES), kind)
+    convolve_by_samples(taps, x, out)
+    convolve(taps, np.concatenate([np.zeros((1, LANES), kind), x]), four)
+    assert out[4:].tolist() == four.tolist()
 
 
 @njit
