@@ -191,16 +191,18 @@ class Block:
         return ChunkResult(bridge_force[: self._count], slipping, offsets, onset, duration, slip)
 
     def contents(self) -> tuple[Any, ...]:
-        """Return all that the time loop gets and changes, and the gesture of the first chunk; to be compared alone.
+        """Return all that the time loop gets and leaves to the next chunk, and the first gesture; to be compared alone.
 
         Returns
         -------
         tuple
-            Of arrays, numbers, None and such tuples.
+            Of arrays, numbers, None and such tuples. Without the workspace: what is in it differs between processors.
         """
         tables = self._tables(0, self.parameters.chunk_samples)
-        state = self._state if self._ahead is None else self._ahead.slipping
-        return self._string, self._levels, state, self.admittance, *tables
+        if self._ahead is not None:
+            return self._string, self._levels, self._ahead.slipping, self.admittance, *tables
+        sides = {name: getattr(self._string, name)._replace(arrived=None) for name in SIDES}
+        return self._string._replace(**sides), self._levels, self._state.slipping, self.admittance, *tables
 
     def _make_law(self, described: Cells) -> Any:
         """Return the friction law, a named tuple of arrays over cells."""

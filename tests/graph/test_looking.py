@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import socket
 import threading
@@ -12,6 +13,8 @@ from pathlib import Path
 import psutil
 import pytest
 from graph import SMALL, TINY, Sweep, bow, sweeping, verified
+
+from bow_sweep.view.viewer import PROGRAM, _program
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -85,8 +88,14 @@ def test_without_matplotlib_there_is_all_but_the_picture(tmp_path: Path, monkeyp
     verified(run)
 
 
-def test_a_port_that_is_taken_after_the_start_costs_the_live_view_alone(tmp_path: Path) -> None:
-    run = tmp_path / "run"
+def test_a_port_that_is_taken_after_the_start_costs_the_live_view_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, taken, program = tmp_path / "run", tmp_path / "taken", tmp_path / "rerun"
+    rerun = shlex.join(_program())
+    program.write_text(f'#!/bin/sh\nwhile ! [ -e {taken} ]; do sleep 0.01; done\nexec {rerun} "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv(PROGRAM, str(program))  # rerun itself, but only when the port is taken
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         port = other.getsockname()[1]
@@ -95,6 +104,7 @@ def test_a_port_that_is_taken_after_the_start_costs_the_live_view_alone(tmp_path
             sweep.wait_until(run.exists)
             late.bind(("127.0.0.1", port))
             late.listen()
+            taken.touch()
             assert sweep.wait() == 0, sweep.text
     assert "the server for viewers ended (exit status 1): Address already in use" in sweep.text
     assert "dashboard.rrd" in listed(sweep.text)

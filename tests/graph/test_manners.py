@@ -183,7 +183,7 @@ def state_of(here: Desk, pid: int) -> int:
 
 
 def ask(here: Desk, client: Any, **request: Any) -> Any:
-    return here.wait(client.call_async(InspectCell.Request(**request)))
+    return here.call(client, InspectCell.Request(**request))
 
 
 def nearest(sweep: Sweep, x: float, y: float) -> int:

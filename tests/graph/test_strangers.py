@@ -175,5 +175,5 @@ def test_parameters_that_are_not_obeyed_cannot_be_set(tmp_path: Path) -> None:
             for name in names:
                 value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/elsewhere")
                 request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-                (answer,) = here.wait(client.call_async(request)).results
+                (answer,) = here.call(client, request).results
                 assert not answer.successful, (label, name)

@@ -70,7 +70,8 @@ def with_old_libraries(place: Path) -> Path:
     """Return this Python, for which older libraries than its own are now in the folder old."""
     if sys.version_info >= (3, 13):
         pytest.skip(f"{OLD[0]} has no wheels for Python {sys.version_info[0]}.{sys.version_info[1]}")
-    install(Path(sys.executable), "--no-deps", "--target", str(place / "old"), *OLD)
+    subprocess.run([sys.executable, "-m", "venv", place / "venv"], check=True)  # .venv need not have pip
+    install(place / "venv/bin/python", "--no-deps", "--target", str(place / "old"), *OLD)
     return Path(sys.executable)
 
 
