@@ -53,8 +53,9 @@ def computed_by(run: Path) -> Counter[str]:
 
 
 def hold_until(sweep: Sweep, there_are_others: Callable[[], bool]) -> None:
-    """Stop the sweep's own simulator until others have had a part of the work, however late they come."""
-    sweep.wait_until(lambda: sweep.done_blocks() > 0)
+    """Stop the sweep's own simulator, after its first block, until others have had a part of the work too."""
+    own_name = re.compile("/bow/[0-9a-f]+/simulator_1")
+    sweep.wait_until(lambda: any(map(own_name.fullmatch, computed_by(sweep.directory))))
     (own,) = sweep.children("simulator")
     own.send_signal(signal.SIGSTOP)
     sweep.wait_until(there_are_others)
