@@ -240,7 +240,7 @@ def test_a_station_goes_on_with_a_run_whose_coordinator_is_killed_and_that_is_re
         with sweeping(run, *again, outer=two.command(NEAR)) as sweep:
             hold_until_lab_works(sweep, 1)
             assert log.read_text().count("this station waits for `bow sweep --resume RUN`") == 1
-            assert "the coordinator is heard again: this station goes on" in log.read_text()
+            sweep.wait_until(lambda: "the coordinator is heard again: this station goes on" in log.read_text())
             sweep.stop()  # all of it at once, as a power cut does
         until = time.monotonic() + PATIENCE_S
         while "is not heard for 6 s: this station waits" not in log.read_text():
