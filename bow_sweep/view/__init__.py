@@ -4,6 +4,7 @@ node             the dashboard node
 live_run         one run: what is drawn, and when
 measured_view    a measured string: regimes and tests over time
 rerun_recording  a sweep as a rerun recording
+bounded          the file of a recording flushed and closed, each for a limited time
 map_layers       axes, colours, pictures and counts of a map in a recording
 codes            which number each cell has in each picture, and what it means
 tests_over_time  every test of every cell, for the timeline `test`

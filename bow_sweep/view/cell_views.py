@@ -25,6 +25,7 @@ from bow_sweep.cell.portrait import SHOWN_PERIODS, Portrait
 from bow_sweep.cell.sound import Sound, sound_of, wav_bytes
 from bow_sweep.figures.colours import GREY, regime_colours
 from bow_sweep.maps.plane import regime_label
+from bow_sweep.view import bounded
 from bow_sweep.view.blueprint import GROUND
 from bow_sweep.view.panel import Panel, limits_of
 
@@ -107,8 +108,7 @@ def write_cells(path: Path, portraits: Sequence[Portrait]) -> None:
         for number, portrait in enumerate(portraits):
             _CellLog(record, portrait).everything(number)
         record.send_blueprint(_layout(portraits))
-        record.flush()
-        record.disconnect()
+        bounded.finish(record)
         os.replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)

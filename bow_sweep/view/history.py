@@ -19,6 +19,7 @@ from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.figures.colours import BLACK, GREY, regime_legend, transient_colours
 from bow_sweep.maps.map_file import MapFile, MapFileError, read_map_npz
 from bow_sweep.maps.plane import upright
+from bow_sweep.view import bounded
 from bow_sweep.view.blueprint import plane_view
 from bow_sweep.view.decorations import (
     Decorations,
@@ -123,8 +124,7 @@ def write_history(path: Path, plane: MapFile) -> None:
         auto_views=False,
     )
     record.send_blueprint(blueprint)
-    record.flush()
-    record.disconnect()
+    bounded.finish(record)
 
 
 def _place(record: rr.RecordingStream, plane: MapFile, decorations: Mapping[str, Decorations]) -> None:

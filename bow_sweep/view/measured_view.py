@@ -21,6 +21,7 @@ from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.cell.analysis import cents
 from bow_sweep.figures.colours import regime_colours
 from bow_sweep.maps.plane import regime_label
+from bow_sweep.view import bounded
 from bow_sweep.view.blueprint import UNSEEN, send
 from bow_sweep.view.rerun_recording import ANSWER_S, APPLICATION
 from bow_sweep.view.status_page import NodeStatus
@@ -88,7 +89,7 @@ class MeasuredView:
         self._tests = 0
         self._regime = -1
         self._closed_for = 0
-        self._record = rr.RecordingStream(APPLICATION, recording_id=self.run_id)
+        self._record = bounded.opened(rr.RecordingStream(APPLICATION, recording_id=self.run_id))
         sinks: list[Any] = [rr.FileSink(self.recording.path)]
         if uri and answers(uri, ANSWER_S):
             sinks.append(rr.GrpcSink(uri))
@@ -221,8 +222,7 @@ class MeasuredView:
     def finish(self, nodes: Iterable[NodeStatus]) -> None:
         """Finish the file."""
         self._describe()
-        self._record.flush()
-        self._record.disconnect()
+        bounded.finish(self._record)
 
     close = finish
 

@@ -7,7 +7,6 @@ the active timeline; so waveforms are on `sweep` too, in seconds since the start
 
 from __future__ import annotations
 
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,6 +23,7 @@ from rerun.error_utils import RerunWarning
 from bow_sim.physics.parameters import FIELDS
 from bow_sweep.maps.map_file import MapFile
 from bow_sweep.maps.plane import Snapshot
+from bow_sweep.view import bounded
 from bow_sweep.view.blueprint import NO_CELLS, arrange, send
 from bow_sweep.view.map_layers import ABOVE, CONTEXT, SEQUENCES, THIN, MapLayers, texts
 from bow_sweep.view.pieces import Piece, Pieces
@@ -89,8 +89,8 @@ class RunRecording:
         self._warn, self._began = warn, time.time()
         self._history: list[tuple[float, int]] = []
         self._marked: set[int] = set()
-        rr.bindings.flush_and_cleanup_orphaned_recordings()  # rerun keeps data of deleted recordings until now
-        self._record = rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id)
+        bounded.clean_up()
+        self._record = bounded.opened(rr.RecordingStream(APPLICATION, recording_id=snapshot.run_id))
         aside = path.with_name(f".{path.name}.part")
         sinks: list[Any] = [rr.FileSink(aside)]
         self._is_lost = False
@@ -275,10 +275,10 @@ class RunRecording:
 
     def _flush(self) -> None:
         if not self._is_shown:
-            self._record.flush()
+            bounded.flush(self._record)
             return
         try:
-            self._record.flush(timeout_sec=TAKE_IN_S)
+            bounded.flush(self._record, TAKE_IN_S)
         except RuntimeError as error:
             if VIEWER_GONE in str(error):
                 self._lose_viewer()
@@ -305,12 +305,8 @@ class RunRecording:
     def _disconnect(self) -> None:
         """Close the file, and return when the viewer has everything, or takes too long."""
         if not self._is_shown:
-            self._record.disconnect()
-            return
-        leaving = threading.Thread(target=self._record.disconnect, daemon=True)
-        leaving.start()
-        leaving.join(DELIVER_S)
-        if leaving.is_alive():
+            bounded.finish(self._record)
+        elif not bounded.disconnect(self._record, DELIVER_S):
             self._warn(f"the viewer does not take in what was drawn last; all of it is in {self.path.name}")
 
 
