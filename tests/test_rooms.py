@@ -56,6 +56,7 @@ IMPURE = {
     "bow_sweep.explore.saved": {"bokeh", "mcap"},
     "bow_sweep.explore.served": {"bokeh", "mcap"},
     "bow_sweep.view.blueprint": {"rerun"},
+    "bow_sweep.view.bounded": {"rerun"},
     "bow_sweep.view.node": {"rclpy", "bow_msgs", "rerun"},
     "bow_sweep.view.cell_views": {"rerun"},
     "bow_sweep.view.history": {"rerun"},
