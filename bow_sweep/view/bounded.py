@@ -45,14 +45,19 @@ def disconnect(record: Any, seconds: float = FILE_S) -> bool:
     return True
 
 
-def finish(record: Any) -> None:
-    """Write all into the file of a RecordingStream and close it.
+def close(record: Any) -> None:
+    """Close the file of a RecordingStream.
 
     Raises
     ------
     TimeoutError
         Where it is not closed in time.
     """
-    flush(record, FILE_S)
     if not disconnect(record, FILE_S):
         raise TimeoutError(f"the file is not closed within {FILE_S:g} s")
+
+
+def finish(record: Any) -> None:
+    """Write all into the file of a RecordingStream and close it; errors as of `flush` and `close`."""
+    flush(record, FILE_S)
+    close(record)

@@ -294,8 +294,7 @@ class RunRecording:
     def finish(self) -> None:
         """Finish the file with its footer, which makes it quick to open. What has shown it keeps the picture."""
         self.draw_waveforms()
-        self._flush()
-        self._disconnect()
+        self.close()
 
     def close(self) -> None:
         """Close a file that may be finished or not; it gets its footer."""
@@ -305,7 +304,7 @@ class RunRecording:
     def _disconnect(self) -> None:
         """Close the file, and return when the viewer has everything, or takes too long."""
         if not self._is_shown:
-            bounded.finish(self._record)
+            bounded.close(self._record)
         elif not bounded.disconnect(self._record, DELIVER_S):
             self._warn(f"the viewer does not take in what was drawn last; all of it is in {self.path.name}")
 
