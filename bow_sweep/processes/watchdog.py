@@ -12,6 +12,7 @@ from typing import NamedTuple
 from bow_sim.graph.process_stat import read_stat
 from bow_sim.protocol.neighbours import CONSUMERS
 from bow_sim.protocol.states import NodeState
+from bow_sweep.record.topics import STREAMS
 
 STUCK_S, AFTER_STOP_S = 12.0, 6.0
 """A process that is not ready after this time is restarted. After a stop the time is shorter: all have started before.
@@ -30,9 +31,6 @@ STALL_S = 300.0
 
 RESTARTS = 3
 """Each process of a role is restarted this often because its heartbeats do not arrive; more often does not help."""
-
-STREAMS = frozenset({"bridge_force", "stick_slip"})
-"""What recorder and classifier hear of a simulator that works."""
 
 BUSY_SHARE, BUSY_BYTES = 0.2, 1e6
 """A process is busy, and may be starting, that uses (or waits for) this share of a core, or moves this many bytes/s."""
@@ -269,7 +267,7 @@ class Watchdog:
         for pid in (self._hears.keys() & set(needed)) - waiting.keys():
             hears, station = self._hears[pid], self._peers[pid].station
             of_station = [peer.incarnation for peer in simulators if peer.station == station]
-            unheard = sum(not hears.get(incarnation, set()) >= STREAMS for incarnation in of_station)
+            unheard = sum(not hears.get(incarnation, set()).issuperset(STREAMS) for incarnation in of_station)
             if unheard > 1 or (unheard and pid in self._doubted):
                 deaf.add(pid)
             elif unheard:
