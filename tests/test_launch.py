@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import py_compile
+import re
 import runpy
 import signal
 import subprocess
@@ -31,6 +32,9 @@ from launch_stand_ins import (
 )
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+LEFT_EARLY = re.compile(r"DATASHARING.* Failed to open segment|RTPS_READER.* Failed to add Writer Proxy .* data sharing")
+"""What Fast DDS prints where a node has left before another has opened its shared memory; it has no switch for it."""
+
 # Without stations.launch.py, which starts commands by ssh, no nodes: see test_launchers.py.
 FILES = sorted(path for path in (ROOT / "launch").glob("*.launch.py") if path.name != "stations.launch.py")
 
@@ -327,7 +331,7 @@ def test_a_launch_that_cannot_be_leaves_one_useful_line(
     said = "".join((tmp_path / f"{name}.log").read_text() for name in started)
     assert "preset 'nope'" in said
     assert "Traceback" not in said
-    assert len([line for line in said.splitlines() if "[INFO]" not in line]) == 1, said
+    assert len([line for line in said.splitlines() if "[INFO]" not in line and not LEFT_EARLY.search(line)]) == 1, said
 
 
 def test_signals_at_any_moment_of_the_start_leave_no_traces(

@@ -1,7 +1,9 @@
 """A graph stays on its machine unless the environment names more; the profile follows from that."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -46,6 +48,19 @@ def test_both_profiles_name_the_same_shared_memory_and_only_one_the_loopback() -
         texts[name] = found.read_text()
     assert all("<segment_size>8388608</segment_size>" in text for text in texts.values())
     assert ["127.0.0.1</address>" in text for text in texts.values()] == [True, False]
+
+
+@pytest.mark.parametrize("name", [discovery.LOOPBACK_PROFILE, discovery.NETWORK_PROFILE])
+def test_what_the_middleware_says_goes_to_stderr(name: str, tmp_path: Path) -> None:
+    found = discovery.find_profile(name)
+    assert found is not None
+    wrong = tmp_path / "wrong.xml"
+    wrong.write_text(found.read_text().replace("<type>SHM</type>", "<type>SHM</type><nonsense/>"))
+    environment = {**os.environ, discovery.PROFILE: str(wrong), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    program = "import rclpy; rclpy.init(); rclpy.create_node('one'); print('done'); rclpy.shutdown()"
+    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, env=environment)
+    assert said.stdout == "done\n"
+    assert "Invalid element" in said.stderr
 
 
 def test_a_network_is_a_subnet_or_machines(monkeypatch: pytest.MonkeyPatch) -> None:
