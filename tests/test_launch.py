@@ -32,7 +32,7 @@ from launch_stand_ins import (
 )
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-LEFT_EARLY = re.compile(r"DATASHARING.* Failed to open segment|RTPS_READER.* Failed to add Writer Proxy .* data sharing")
+LEFT_EARLY = re.compile(r"DATASHARING.* Failed to open segment|RTPS_READER.* Failed to add Writer Proxy .*data sharing")
 """What Fast DDS prints where a node has left before another has opened its shared memory; it has no switch for it."""
 
 # Without stations.launch.py, which starts commands by ssh, no nodes: see test_launchers.py.

@@ -58,7 +58,8 @@ def test_what_the_middleware_says_goes_to_stderr(name: str, tmp_path: Path) -> N
     wrong.write_text(found.read_text().replace("<type>SHM</type>", "<type>SHM</type><nonsense/>"))
     environment = {**os.environ, discovery.PROFILE: str(wrong), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     program = "import rclpy; rclpy.init(); rclpy.create_node('one'); print('done'); rclpy.shutdown()"
-    said = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, env=environment)
+    command = [sys.executable, "-c", program]
+    said = subprocess.run(command, check=True, capture_output=True, text=True, timeout=60, env=environment)
     assert said.stdout == "done\n"
     assert "Invalid element" in said.stderr
 
