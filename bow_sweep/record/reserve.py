@@ -18,7 +18,7 @@ LARGE = 1 << 20
 """A write of fewer bytes reserves nothing: a small bag stays small on the disk too."""
 
 _KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE; os.posix_fallocate would change the size of the file
-_fallocate: Any = getattr(ctypes.CDLL(None, use_errno=True), "fallocate", None)  # Linux only
+_fallocate: Any = getattr(ctypes.CDLL(None), "fallocate", None)  # Linux only
 if _fallocate is not None:
     _fallocate.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_int64, ctypes.c_int64)
 
