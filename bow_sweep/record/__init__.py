@@ -3,6 +3,7 @@
 topics          what is recorded
 mcap_records    records of an MCAP file taken apart
 mcap_reader     one pass over an MCAP file that checks everything in it
+reserve         disk space reserved for a file before it is written
 mcap_writer     one MCAP file, written a chunk at a time
 schema          interface definitions as a bag wants them
 metadata        metadata.yaml, as rosbag2 writes it

@@ -30,6 +30,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from bow_sweep.record.reserve import Reserve
+
 MAGIC = b"\x89MCAP0\r\n"
 LIBRARY = "bow"
 RECORD_HEAD = struct.Struct("<BQ")
@@ -189,6 +191,7 @@ class McapWriter:
         self.contents.channels = {channel.id: channel for channel in channels}
         self.contents.counts = dict.fromkeys(self.contents.channels, 0)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._reserve = Reserve(self._fd)
         self._offset = 0
         self._crc = 0
         self._bulk: list[tuple[int, int]] = []
@@ -299,11 +302,13 @@ class McapWriter:
     def abandon(self) -> None:
         """Close the file without writing what is pending, nor the summary."""
         if self._fd >= 0:
+            self._reserve.release(self._offset)
             os.close(self._fd)
             self._fd = -1
 
     def _append(self, parts: list[bytes | memoryview]) -> None:
         total = sum(map(len, parts))
+        self._reserve.prepare(self._offset, total)
         try:
             write_all(self._fd, parts, self._offset)
         except OSError:
