@@ -5,7 +5,9 @@ later ones out of the processor's queues. So here
 
 - each sample of the torsional wave towards the bridge is added at once to all sums that it is part of, which stay in
   registers (`push`); the general loop reads ten rows of the ring for each step, as soon as they have left the bow;
-- a step's root is begun before the step before is ended.
+- a step's root is begun before the step before is ended;
+- where torsion comes back from the bridge after two samples, as in the paper, it is taken from a register: to read what
+  has just been written takes 11 cycles.
 
 The terms of each sum and their order are those of the general loop, and so is every bit of the results.
 """
@@ -27,6 +29,9 @@ from bow_sim.simd.rows import fir_of, nothing_summed, push
 
 _FAR = ("bridge", "nut", "torsion_nut")
 _fir = fir_of(STRIDE)
+
+NEAREST = 2
+"""The least lag of torsion at the bridge with which eight steps are possible."""
 
 
 def _fields(kind: Any) -> dict[str, Any]:
@@ -61,7 +66,7 @@ def _overload_are_possible(string: Any, traces: Any, group: Any) -> Any:
 
     def far_enough(string: Any, traces: Any, group: Any) -> bool:
         far = min(string.bridge.ahead[group], string.nut.ahead[group], string.torsion_nut.ahead[group])
-        return far >= STRIDE and 1 < string.torsion_bridge.ahead[group] < STRIDE
+        return far >= STRIDE and NEAREST <= string.torsion_bridge.ahead[group] < STRIDE
 
     return far_enough
 
@@ -69,7 +74,8 @@ def _overload_are_possible(string: Any, traces: Any, group: Any) -> Any:
 def sums_before(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
     """Return the sums of what leaves, as torsion, towards the bridge before the step at a position of its ring.
 
-    What is complete is written where it arrives. None where `eight_steps` are not possible.
+    As `push` returns them: the latest one that is complete, and the others. What is complete is also written
+    where it arrives. None where `eight_steps` are not possible.
     """
     raise NotImplementedError
 
@@ -84,10 +90,10 @@ def _overload_sums_before(string: Any, traces: Any, group: Any, at: Any, like: A
         ahead = side.ahead[group]
         samples = len(side.taps) - 1 + ahead
         first = row_of(side, group, at - samples)
-        sums = nothing_summed(side.taps, like)
+        sums = like, nothing_summed(side.taps, like)
         for k in range(samples):
-            complete, sums = push(side.taps, sums, load(side.ring, (first + k) * LANES))
-            store(side.arrived, max(0, k + ahead - samples) * LANES, complete)  # the first ones arrived before
+            sums = push(side.taps, sums[1], load(side.ring, (first + k) * LANES))
+            store(side.arrived, max(0, k + ahead - samples) * LANES, sums[0])  # the first ones arrived before
         return sums
 
     return summed
@@ -160,15 +166,17 @@ def _overload_keep_tail(tail: Any, group: Any, after: Any) -> Any:
 
 @part(**INLINE)
 def _meet(
-    string: Any, gesture: Any, group: Any, levels: Any, windows: Any, t0: Any, u: Any, slips: Any, tails: Any
+    string: Any, gesture: Any, group: Any, levels: Any, windows: Any, t0: Any, u: Any, slips: Any, near: Any, tails: Any
 ) -> Any:
-    """Return what arrives in step u, and where string and friction meet."""
+    """Return what arrives in step u, and where string and friction meet; near is the torsion completed last."""
     f_end, f_step, v_0, v_1 = levels
     i = u * LANES
     in_b, tail_b = _with_tail(string.bridge, _sum(string.bridge, windows[0], i), i, tails[0])
     in_n, tail_n = _with_tail(string.nut, _sum(string.nut, windows[1], i), i, tails[1])
     in_rn, tail_rn = _with_tail(string.torsion_nut, _sum(string.torsion_nut, windows[2], i), i, tails[2])
-    in_rb = load(string.torsion_bridge.arrived, i)
+    in_rb = near  # what left two steps before was added last
+    if string.torsion_bridge.ahead[group] > NEAREST or u == 0:
+        in_rb = load(string.torsion_bridge.arrived, i)
     f_b = f_end + f_step * shape_at(gesture.force, group, t0 + u)
     v_b = v_0 + v_1 * shape_at(gesture.speed, group, t0 + u)
     v_h = in_b + in_n + in_rn + in_rb  # in the order of the general loop
@@ -192,8 +200,8 @@ def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, u: Any, m
     store(string.nut.ring, rows[1] + i, in_b + push_t)
     store(near.ring, rows[2] + i, out_rb)
     store(string.torsion_nut.ring, rows[3] + i, in_rb + push_r)
-    complete, sums = push(near.taps, sums, out_rb)
-    store(near.arrived, near.ahead[group] * LANES + i, complete)
+    sums = push(near.taps, sums[1], out_rb)
+    store(near.arrived, near.ahead[group] * LANES + i, sums[0])
     total = choose(slips, total + s, 0.0)
     store(work, (TOTALS + 1) * LANES + i, total)
     states |= np.uint64(bits_of(slips)) << np.uint64(i)
@@ -247,9 +255,9 @@ def _overload_eight_steps(
             _tail_before(torsion_nut, torsion_nut.tail, group, at[3]),
         )
         left = total, sums, np.uint64(0)
-        met, tails = _meet(string, gesture, group, levels, windows, t0, 0, slips, tails)
+        met, tails = _meet(string, gesture, group, levels, windows, t0, 0, slips, sums[0], tails)
         for u in range(1, STRIDE):
-            later, tails = _meet(string, gesture, group, levels, windows, t0, u, met[2], tails)
+            later, tails = _meet(string, gesture, group, levels, windows, t0, u, met[2], left[1][0], tails)
             left = _leave(string, work, group, shares, rows, u - 1, met, left)
             met = later
         total, sums, states = _leave(string, work, group, shares, rows, STRIDE - 1, met, left)
