@@ -18,6 +18,7 @@ from bow_classifier.features.next_rows import FIRST_TEST, NextRows, fetch_before
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
+from bow_classifier.features.windows import EightCells
 from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_counts, keep_power, wolf_workspace
 from bow_classifier.verdict.confidence import confidence_workspace
 from bow_classifier.verdict.decision import LONG, Decision, Features, Limits, decide_eight
@@ -114,12 +115,12 @@ class Result(NamedTuple):
 
 
 class _Workspace(NamedTuple):
-    """The arrays that a pass works in: records of eight cells, (8, start + samples) float32, and those of its parts.
+    """The arrays that a pass works in: the record of a cell, (start + samples,) float32, and those of its parts.
 
     `slip_tally` is (8,) float64; `onsets` and `stops` of the significant slips of a cell are int64.
     """
 
-    rows: Any
+    row: Any
     periodicity: Any
     maxima: Any
     slip_tally: Any
@@ -135,8 +136,8 @@ class _Workspace(NamedTuple):
 @part(nogil=True, error_model="numpy")
 def _workspace(samples, start, period, lags, wolf):
     return _Workspace(
-        np.zeros((LANES, start + samples), np.float32),
-        periodicity_workspace(samples, period, lags.first, lags.last),
+        np.zeros(start + samples, np.float32),
+        periodicity_workspace(period, lags.first, lags.last),
         EightMaxima(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
         np.empty(LANES),
         np.empty(samples // 2 + 2, np.int64),
@@ -220,21 +221,19 @@ def _classify_all(state, chunk, setup, result, workspace):
     bridge_force, intervals = chunk.bridge_force, chunk.intervals
     strings, lags, limits, start = setup
     features, decision = result
-    rows, maxima = workspace.rows, workspace.maxima
+    row, maxima = workspace.row, workspace.maxima
     cells, samples, period = bridge_force.shape[0], bridge_force.shape[1], int(limits.period)
     longest = max(lags.last, period)
     for delay in strings.delay:
         longest = max(longest, delay)
     near = min(start, longest + 1)  # only the search for long periods needs all samples before the chunk
     for group in range(0, cells, LANES):
-        number = min(LANES, cells - group)  # lanes without a cell compute on old data, which nobody reads
+        number = min(LANES, cells - group)
+        eight = EightCells(bridge_force, before, group, number)
         ahead = NextRows(bridge_force, before, near, group + LANES, min(LANES, max(cells - group - LANES, 0)))
-        for lane in range(number):
-            _take_before(group + lane, before, rows[lane], start - near, start)
-            _copy(bridge_force[group + lane], rows[lane, start:])
         if state.wolf.power.shape[0] > 0:
-            keep_power(group, number, chunk.number, rows, start, period, state.wolf, workspace.wolf)
-        correlate_eight(rows, start, period, lags.first, lags.last, workspace.periodicity, ahead, maxima)
+            keep_power(eight, chunk.number, period, state.wolf, workspace.wolf)
+        correlate_eight(eight, period, lags.first, lags.last, workspace.periodicity, ahead, maxima)
         for lane in range(number):
             i = group + lane
             fetch_share(ahead, FIRST_TEST + lane)
@@ -249,9 +248,11 @@ def _classify_all(state, chunk, setup, result, workspace):
             )  # fmt: skip
             features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
             fetch_before(ahead, lane)
-            _measure_cell(i, before, rows[lane], near, setup, features, workspace)
+            _take_before(i, before, row, start - near, start)
+            _copy(bridge_force[i], row[start:])
+            _measure_cell(i, before, row, near, setup, features, workspace)
             _remember(
-                i, chunk.number, rows[lane], start, features.slips[i], limits, lags.longest, state.wolf, state.releases,
+                i, chunk.number, row, start, features.slips[i], limits, lags.longest, state.wolf, state.releases,
                 workspace.wolf, workspace.onsets, workspace.stops, features.beat, features.transient,
             )  # fmt: skip
         decide_eight(group, number, features, limits, decision, workspace.confidence)

@@ -204,7 +204,7 @@ def _averages(row, averages, eight):
     part = row[row.shape[0] - COARSE * count :]
     level = np.float64(row[row.shape[0] - 1])  # near the mean, so that less is lost by cancellation in the sums
     for k in range(0, count - LANES + 1, LANES):
-        columns(part, COARSE * k, COARSE, spread(level), eight, 0)
+        columns(part, COARSE * k, COARSE, LANES, spread(level), eight, 0)
         a, b, c, d = load(eight, 0), load(eight, LANES), load(eight, 2 * LANES), load(eight, 3 * LANES)
         e, f, g, h = load(eight, 32), load(eight, 40), load(eight, 48), load(eight, 56)
         store(averages, k, (((a + b) + (c + d)) + ((e + f) + (g + h))) / COARSE)

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bow_classifier.features.next_rows import fetch_share
+from bow_classifier.features.windows import line_aligned, take_window
 from bow_classifier.verdict.fingerprint import LEAN
+from bow_sim.simd import columns as transposition
 from bow_sim.simd import lanes
-from bow_sim.simd.columns import columns
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, choose, root
 from bow_sim.simd.products import lagged_products
@@ -24,9 +25,13 @@ load: Any = lanes.load  # for the type checker: intrinsics are called without th
 spread: Any = lanes.spread
 store: Any = lanes.store
 mask_of: Any = lanes.mask_of
+columns: Any = transposition.columns
 
 CONSTANT = 1e-13
 """A window is constant if its variation is no more than this share of its sum of squares: rounding makes as much."""
+
+_KEPT = 2
+"""Windows that are kept at a time."""
 
 _MANY, _FEW = 11, 6
 """Lags whose products are summed together, so that each sample is read once for all of them.
@@ -43,7 +48,8 @@ class Workspace(NamedTuple):
     Attributes
     ----------
     x
-        (samples * 8,): the bridge force, less a sample of each row.
+        (samples * 8,): the bridge force, less a sample of each cell, in `_KEPT` windows and before them. It is used in
+        turns, to stay in the cache next to the processor.
     level
         (8,): that sample.
     products
@@ -76,42 +82,35 @@ class EightMaxima(NamedTuple):
     deviation: Any
 
 
+@part(**LEAN)
+def _rows_before(last, period):
+    """Return how many rows x has before the first window."""
+    return max(last + 1, period) + LANES
+
+
 @part(nogil=True, error_model="numpy")
-def periodicity_workspace(samples, period, first, last):
-    """Return the workspace for windows of `samples` and the lags first ... last, both samples."""
+def periodicity_workspace(period, first, last):
+    """Return the workspace for a nominal period and the lags first ... last, all samples."""
     lags = last - first + 1
-    before = last + 1  # the sums slide one sample beyond the last lag
-    x = np.zeros((before + samples + _MANY) * LANES)
-    return Workspace(x, np.zeros(LANES), np.zeros((lags + _MANY) * LANES), np.zeros(lags * LANES))
+    x = line_aligned((_rows_before(last, period) + _KEPT * period + LANES + _MANY) * LANES)
+    return Workspace(x, np.zeros(LANES), line_aligned((lags + _MANY) * LANES), line_aligned(lags * LANES))
 
 
 @part(**LEAN)
-def _take(rows, begin, first, last, less, x):
-    """Write samples of eight rows to x, (samples, 8), flat, less a level of each row; return how many are written.
-
-    Those from `first` up to `last` are written, eight at a time; x begins with sample `begin`.
-    """
-    end = rows.shape[1]
-    for t in range(first, last, LANES):
-        at = min(t, end - LANES)  # the last group of all overlaps the one before
-        columns(rows, at, end, less, x, (at - begin) * LANES)
-    return first + max(last - first + LANES - 1, 0) // LANES * LANES
+def _take_before(cells, n, last, less, x, place):
+    """Write the last + 1 samples before a chunk to x, up to row `place`; return the sums over n of them."""
+    before, end = cells.before, cells.before.shape[1]
+    for back in range(n + LANES, last + 1 + LANES, LANES):
+        at = max(end - back, 0)
+        columns(before, cells.first * end + at, end, cells.number, less, x, (place - end + at) * LANES)
+    return take_window(before, cells, end - n, n, less, x, place - n)
 
 
 @part(**LEAN)
-def _moments(x, begin, n):
-    """Return the sums of x and of x squared over n samples."""
-    s, q, s_odd, q_odd = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-    at = begin * LANES
-    for _ in range(n // 2):
-        even, odd = load(x, at), load(x, at + LANES)
-        s, q = s + even, q + even * even
-        s_odd, q_odd = s_odd + odd, q_odd + odd * odd
-        at += 2 * LANES
-    if n % 2:
-        last = load(x, at)
-        s, q = s + last, q + last * last
-    return s + s_odd, q + q_odd
+def _move_rows(x, source, target, count):
+    """Copy rows of x to an earlier place."""
+    for row in range(count):
+        store(x, (target + row) * LANES, load(x, (source + row) * LANES))
 
 
 @part(**LEAN)
@@ -135,25 +134,25 @@ def _add_coefficient(products, at, mean, variation, total, square, floor, one_nt
 
 
 @part(**LEAN)
-def _correlations(rows, less, windows, n, first, last, workspace, ahead):
+def _correlations(cells, less, windows, n, first, last, workspace, ahead):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
     They are averages over the windows of n samples; NaN where a window is constant. At a lag of n the earlier window is
     the one before, whose sums are known; at the other lags they are updated sample by sample.
     """
     x, _, products, r = workspace
-    start, begin_of_x = last + 1, rows.shape[1] - windows * n - last - 1
+    start = begin = _rows_before(last, n)
     r[:] = 0.0
     one_nth = 1.0 / n
-    taken = _take(rows, begin_of_x, begin_of_x, begin_of_x + start, less, x)
     sum_total, sum_square = spread(0.0), spread(0.0)
-    earlier, earlier_square = _moments(x, start - n, n)
+    earlier, earlier_square = _take_before(cells, n, last, less, x, start)
     for w in range(windows):
-        begin = start + w * n
+        if begin == start + _KEPT * n:
+            _move_rows(x, begin - last - 1, start - last - 1, last + 1)
+            begin = start
         fetch_share(ahead, 3 * w)
-        taken = _take(rows, begin_of_x, taken, begin_of_x + begin + n, less, x)  # now, to be in cache for the sums
+        total, square = take_window(cells.bridge_force, cells, w * n, n, less, x, begin)
         fetch_share(ahead, 3 * w + 1)
-        total, square = _moments(x, begin, n)
         variation = square - total * total * one_nth
         variation = choose(variation > square * CONSTANT, variation, np.nan)
         mean, floor = total * one_nth, earlier_square * CONSTANT
@@ -177,6 +176,7 @@ def _correlations(rows, less, windows, n, first, last, workspace, ahead):
             )
         earlier, earlier_square = total, square
         sum_total, sum_square = sum_total + total, sum_square + square
+        begin += n
     for i in range(0, r.shape[0], LANES):
         store(r, i, load(r, i) / windows)
     return sum_total, sum_square
@@ -202,16 +202,14 @@ def _best_maximum(r):
 
 
 @part(**LEAN)
-def correlate_eight(rows, start, period, first, last, workspace, ahead, result):
+def correlate_eight(cells, period, first, last, workspace, ahead, result):
     """Write the result of the first test for eight cells to `result`.
 
     Parameters
     ----------
-    rows : ndarray of float32, shape (8, start + samples)
-        Bridge force (0 before t = 0: windows that are constant have no correlation); the window, whole periods and 8
-        samples or more, begins at `start`.
-    start : int
-        Samples before the window, more than `last`.
+    cells : EightCells
+        The chunk is whole periods; before it are more than `last` samples (0 before t = 0: windows that are constant
+        have no correlation).
     period : int
         Nominal period, samples: the length of each correlated window.
     first, last : int
@@ -222,10 +220,11 @@ def correlate_eight(rows, start, period, first, last, workspace, ahead, result):
     result : EightMaxima
         Changed in place.
     """
-    level, samples = workspace.level, rows.shape[1] - start
-    for row in range(LANES):
-        level[row] = np.float64(rows[row, start])  # near the mean: the sums then cancel less
-    total, square = _correlations(rows, load(level, 0), samples // period, period, first, last, workspace, ahead)
+    level, samples = workspace.level, cells.bridge_force.shape[1]
+    for lane in range(LANES):
+        i = cells.first + min(lane, cells.number - 1)
+        level[lane] = np.float64(cells.bridge_force[i, 0])  # near the mean: the sums then cancel less
+    total, square = _correlations(cells, load(level, 0), samples // period, period, first, last, workspace, ahead)
     best, place = _best_maximum(workspace.correlations)
     store(result.height, 0, best)
     store(result.lag, 0, -place + np.float64(last))

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bow_classifier.features.windows import take_window
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
-from bow_sim.simd.columns import columns
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, root
 from bow_sim.simd.rows import transpose
@@ -119,35 +119,40 @@ def _sum_steps(x, count, each):
 
 
 @part(**LEAN)
-def _sum_squares(rows, start, period, samples, segments):
-    """Write the sum of squares of each segment, in the chunk of eight rows and in the period before it, to segments."""
-    zero, end, at = spread(0.0), rows.shape[1], 0
-    for begin in range(start - period, end, period):
-        for t in range(0, period, LANES):
-            first = min(begin + t, end - LANES)  # the last group of all begins earlier
-            columns(rows, first, end, zero, samples, (first - begin + LANES) * LANES)
-        for k in range(STEPS):
-            total = zero
-            for t in range(k * period // STEPS, (k + 1) * period // STEPS):
-                x = load(samples, (t + LANES) * LANES)
-                total = total + x * x
-            store(segments, at, total)
-            at += LANES
+def _sum_squares(cells, period, samples, segments):
+    """Write the sums of squares of the segments to segments: of the chunk of eight cells, and a period before it."""
+    zero, at = spread(0.0), 0
+    take_window(cells.before, cells, cells.before.shape[1] - period, period, zero, samples, LANES)
+    at = _sum_segments(samples, period, segments, at)
+    for begin in range(0, cells.bridge_force.shape[1], period):
+        take_window(cells.bridge_force, cells, begin, period, zero, samples, LANES)
+        at = _sum_segments(samples, period, segments, at)
 
 
 @part(**LEAN)
-def keep_power(group, number, chunk, rows, start, period, state, workspace):
+def _sum_segments(samples, period, segments, at):
+    """Write the sums of squares of the segments of one period from place `at` on; return the place after them."""
+    for k in range(STEPS):
+        total = spread(0.0)
+        for t in range(k * period // STEPS, (k + 1) * period // STEPS):
+            x = load(samples, (t + LANES) * LANES)
+            total = total + x * x
+        store(segments, at, total)
+        at += LANES
+    return at
+
+
+@part(**LEAN)
+def keep_power(cells, chunk, period, state, workspace):
     """Keep the mean square of the bridge force in one chunk of eight cells.
 
     Parameters
     ----------
-    group, number : int
-        The first of the cells, and how many they are.
+    cells : EightCells
+        Before the chunk is a period or more.
     chunk : int
         Number of the chunk from t = 0 on.
-    rows : ndarray of float32, shape (8, start + samples)
-        Bridge force; the chunk, 8 samples or more, begins at `start`, a period or more after the beginning.
-    start, period : int
+    period : int
         Samples.
     state : WolfState
         The cells are changed.
@@ -155,14 +160,14 @@ def keep_power(group, number, chunk, rows, start, period, state, workspace):
     """
     segments, power, slot = workspace.segments, workspace.power, chunk % state.power.shape[1]
     values = power.shape[1]
-    _sum_squares(rows, start, period, workspace.samples, segments)
+    _sum_squares(cells, period, workspace.samples, segments)
     _sum_steps(segments, values + STEPS, LANES)
     for k in range(LANES, (values + 1) * LANES, LANES):
         store(segments, k, load(segments, k) / np.float64(period))
     for k in range(0, values, LANES):  # STEPS is a multiple of eight, so values is
         transpose(segments, (k + 1) * LANES, LANES, power, k, values)
-    for lane in range(number):
-        kept = state.power[group + lane, slot]
+    for lane in range(cells.number):
+        kept = state.power[cells.first + lane, slot]
         for k in range(values):
             kept[k] = power[lane, k]
 

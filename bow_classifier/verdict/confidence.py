@@ -8,14 +8,13 @@ No coefficient of a margin is negative: the confidence never falls with the dist
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import lanes
-from bow_sim.simd.elementary import exp_parts, exp_series, log_parts, log_series
+from bow_sim.simd.elementary import exp_parts, exp_series, log_series
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES
 
@@ -48,6 +47,16 @@ COEFFICIENTS = np.array(
     ]
 )
 """(regimes, margins): see `bow_classifier.verdict.regimes.DEFINITIONS` for the rows."""
+
+_FRACTION = np.int64(52)
+"""Bits of the fraction in a float64; above them is the exponent."""
+
+_BELOW = np.int64(2**52 - 1)
+_ONE, _HALF = np.int64(1023), np.int64(1022)
+"""The exponents of 1 ... 2 and of 0.5 ... 1."""
+
+_LOW = 0.7
+"""Logarithms are taken of 0.7 ... 1.4, times a power of 2."""
 
 _FAR = 3.0
 _SMALL = 1e-3
@@ -85,8 +94,10 @@ def _whole(number):
 @part(**LEAN)
 def _prepare_logarithm(a, b, at, workspace):
     """Write the ratio of two amounts to place `at` of the workspace."""
-    exponent, fraction = log_parts((a + _SMALL) / (b + _SMALL))
-    workspace.exponents[at], workspace.fractions[at] = exponent, fraction
+    bits = np.float64((a + _SMALL) / (b + _SMALL)).view(np.int64)
+    exponent, fraction = (bits >> _FRACTION) - _HALF, np.int64(bits & _BELOW | _HALF << _FRACTION).view(np.float64)
+    low = fraction < _LOW
+    workspace.exponents[at], workspace.fractions[at] = exponent - int(low), 2.0 * fraction if low else fraction
 
 
 @part(**LEAN)
@@ -160,4 +171,5 @@ def probabilities(first, number, regime, rows, workspace, out):
         exponents[lane], fractions[lane] = exp_parts(-total)
     store(fractions, 0, exp_series(load(fractions, 0)))
     for lane in range(number):
-        out[first + lane] = 1.0 / (1.0 + math.ldexp(fractions[lane], int(exponents[lane])))
+        power = np.int64((np.int64(exponents[lane]) + _ONE) << _FRACTION).view(np.float64)  # `ldexp` is a call
+        out[first + lane] = 1.0 / (1.0 + fractions[lane] * power)

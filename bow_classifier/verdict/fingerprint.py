@@ -26,6 +26,7 @@ HERE = (
     "features/periodicity",
     "features/ripples",
     "features/slips",
+    "features/windows",
     "features/wolf",
     "verdict/confidence",
     "verdict/decision",

@@ -2,68 +2,151 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lane_types import LANES, LANES_OF, element_aligned, pointer, vector
+from bow_sim.simd.lane_types import LANES, LANES_OF, element_aligned, half, in_halves, pointer, vector
 
 _I64 = ir.IntType(64)
 
-_HALF = 4
-"""Samples that are read from a row at once: one half of a register takes them from a row, the other from a row four
-further on, and two rounds of shuffles within the halves transpose eight rows."""
+_FOUR = 4
+"""Samples that are read from a row at once. Two rounds of shuffles transpose those of four rows; in a register of eight
+lanes, one half of it has four rows and the other half the four after them."""
 
 
 def _order(*places: int) -> ir.Constant:
     return ir.Constant(ir.VectorType(ir.IntType(32), len(places)), places)
 
 
-def _in_both_halves(*places: int) -> ir.Constant:
-    """Return the order that shuffles each half of two registers in the same way; places 4 ... 7 are of the second."""
-    return _order(*(place % _HALF + half + place // _HALF * LANES for half in (0, _HALF) for place in places))
-
-
 def _transposed(builder: Any, rows: list[Any]) -> list[Any]:
-    """Transpose each half of four registers of eight in two rounds of shuffles."""
+    """Transpose each half of four registers, of eight or four lanes, in two rounds of shuffles."""
     a, b, c, d = rows
-    orders = _in_both_halves(0, 4, 1, 5), _in_both_halves(2, 6, 3, 7)
+    size = a.type.count
+
+    def both(*places: int) -> ir.Constant:
+        """Return the order that shuffles each half of two registers alike; places 4 ... 7 are of the second."""
+        halves = range(0, size, _FOUR)
+        return _order(*(place % _FOUR + first + place // _FOUR * size for first in halves for place in places))
+
+    orders = both(0, 4, 1, 5), both(2, 6, 3, 7)
     pairs = [(builder.shuffle_vector(a, b, order), builder.shuffle_vector(c, d, order)) for order in orders]
-    orders = _in_both_halves(0, 1, 4, 5), _in_both_halves(2, 3, 6, 7)
+    orders = both(0, 1, 4, 5), both(2, 3, 6, 7)
     return [builder.shuffle_vector(*pair, order) for pair in pairs for order in orders]
 
 
+class _Source(NamedTuple):
+    """Eight rows of an array, for code that is emitted: types of the arrays, and values."""
+
+    context: Any
+    builder: Any
+    x: Any
+    out: Any
+    x_value: Any
+    width: Any
+    rows: Any
+    out_value: Any
+
+    def write_columns(self, i: Any, o: Any, less: Any, first: int) -> Iterator[Any]:
+        """Emit code that writes eight samples of the rows from `first` on, less their levels; yield what is written.
+
+        `less` is one register: as many rows are read as it has lanes.
+        """
+        context, builder, kind = self.context, self.builder, less.type
+        four = ir.VectorType(ir.FloatType(), _FOUR)
+        last = builder.sub(self.rows, _I64(1))
+
+        def read(row: int, begin: int) -> Any:
+            present = builder.select(builder.icmp_signed("<", last, _I64(row)), last, _I64(row))
+            place = builder.add(builder.add(i, builder.mul(self.width, present)), _I64(begin))
+            return element_aligned(builder.load(pointer(context, builder, self.x, self.x_value, place, four)), self.x)
+
+        for begin in range(0, LANES, _FOUR):
+            rows = [read(first + row, begin) for row in range(_FOUR)]
+            if kind.count == LANES:
+                both = _order(*range(LANES))
+                rows = [builder.shuffle_vector(row, read(_FOUR + k, begin), both) for k, row in enumerate(rows)]
+            for t, column in enumerate(_transposed(builder, rows), begin):
+                place = builder.add(o, _I64(LANES * t + first))
+                value = builder.fsub(builder.fpext(column, kind), less)
+                target = pointer(context, builder, self.out, self.out_value, place, kind)
+                element_aligned(builder.store(value, target), self.out)
+                yield value
+
+
+def _parts(context: Any, builder: Any, level: Any, less: Any) -> list[tuple[int, Any]]:
+    """Return the first row and the levels of each part of eight rows that is one register of the machine."""
+    if not in_halves(context, level):
+        return [(0, less)]
+    return [(number * _FOUR, half(builder, less, number)) for number in (0, 1)]
+
+
+def _can(x: Any, level: Any, out: Any) -> bool:
+    return x.dtype is types.float32 and out.dtype is types.float64 and level is LANES_OF[types.float64]
+
+
 @intrinsic
-def columns(typingctx: Any, x: Any, i: Any, width: Any, level: Any, out: Any, o: Any) -> Any:
+def columns(typingctx: Any, x: Any, i: Any, width: Any, rows: Any, level: Any, out: Any, o: Any) -> Any:
     """Write eight samples of eight rows of float32, less each row's level, as eight rows of float64.
 
-    ``out[o + 8 t + row] = x[i + row width + t] - level[row]`` for t and row in 0 ... 7. This is exact: float64
-    holds the difference of two float32 numbers of about the same size.
+    ``out[o + 8 t + row] = x[i + row width + t] - level[row]`` for t and row in 0 ... 7; where `rows` is less than
+    eight, the last one stands for those that are missing. This is exact: float64 holds the difference of two float32
+    numbers of about the same size.
     """
-    if not (x.dtype is types.float32 and out.dtype is types.float64 and level is LANES_OF[types.float64]):
+    if not _can(x, level, out):
         return None
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        x_value, i_value, w, less, out_value, o_value = args
-        single, eight = ir.VectorType(ir.FloatType(), _HALF), vector(level)
-        whole = _order(*range(LANES))
-
-        def read(row: int, begin: int) -> Any:
-            place = builder.add(i_value, builder.add(builder.mul(w, _I64(row)), _I64(begin)))
-            return element_aligned(builder.load(pointer(context, builder, x, x_value, place, single)), x)
-
-        for begin in range(0, LANES, _HALF):
-            pairs = [(read(row, begin), read(row + _HALF, begin)) for row in range(_HALF)]
-            rows = [builder.shuffle_vector(*pair, whole) for pair in pairs]
-            for t, column in enumerate(_transposed(builder, rows), begin):
-                place = pointer(context, builder, out, out_value, builder.add(o_value, _I64(LANES * t)), eight)
-                element_aligned(builder.store(builder.fsub(builder.fpext(column, eight), less), place), out)
+        x_value, i_value, w, rows_value, less, out_value, o_value = args
+        source = _Source(context, builder, x, out, x_value, w, rows_value, out_value)
+        for first, levels in _parts(context, builder, level, less):
+            for _ in source.write_columns(i_value, o_value, levels, first):
+                pass
         return context.get_dummy_value()
 
-    return types.void(x, types.intp, types.intp, level, out, types.intp), codegen
+    return types.void(x, types.intp, types.intp, types.intp, level, out, types.intp), codegen
+
+
+@intrinsic
+def summed_columns(typingctx: Any, x: Any, i: Any, width: Any, rows: Any, n: Any, level: Any, out: Any, o: Any) -> Any:
+    """Do what `columns` does for n samples, a multiple of eight; return four sums of what is written.
+
+    These are the sum and the sum of squares of the columns t = 0, 2, 4 ..., and then of the others; each takes them in
+    their order.
+    """
+    if not _can(x, level, out):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        x_value, i_value, w, rows_value, total, less, out_value, o_value = args
+        source = _Source(context, builder, x, out, x_value, w, rows_value, out_value)
+        found = []
+        for first, levels in _parts(context, builder, level, less):
+            zero = ir.Constant(levels.type, [ir.Constant(ir.DoubleType(), 0.0)] * levels.type.count)
+            slots = [cgutils.alloca_once_value(builder, zero) for _ in range(4)]
+            for slot in slots:
+                builder.store(zero, slot)
+            with cgutils.for_range_slice(builder, _I64(0), total, _I64(LANES)) as (t, _):
+                sums = [builder.load(slot) for slot in slots]
+                i_now, o_now = builder.add(i_value, t), builder.add(o_value, builder.mul(t, _I64(LANES)))
+                for k, value in enumerate(source.write_columns(i_now, o_now, levels, first)):
+                    at = k % 2 * 2
+                    sums[at] = builder.fadd(sums[at], value)
+                    sums[at + 1] = builder.fadd(sums[at + 1], builder.fmul(value, value))
+                for value, slot in zip(sums, slots, strict=True):
+                    builder.store(value, slot)
+            found.append([builder.load(slot) for slot in slots])
+        whole = found[0]
+        if len(found) > 1:
+            whole = [builder.shuffle_vector(a, b, _order(*range(LANES))) for a, b in zip(*found, strict=True)]
+        return context.make_tuple(builder, signature.return_type, whole)
+
+    result = types.UniTuple(level, 4)
+    return result(x, types.intp, types.intp, types.intp, types.intp, level, out, types.intp), codegen
 
 
 @intrinsic

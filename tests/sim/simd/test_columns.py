@@ -4,14 +4,21 @@ import numpy as np
 import pytest
 
 from bow_sim.simd.bits import BYTES, MANY, find_onsets, nonzero
-from bow_sim.simd.columns import columns
+from bow_sim.simd.columns import columns, summed_columns
 from bow_sim.simd.jit import njit
-from bow_sim.simd.lanes import LANES, load
+from bow_sim.simd.lanes import LANES, load, store
 
 
 @njit(nogil=True)
-def transposed(x, i, width, level, out, at):
-    columns(x, i, width, load(level, 0), out, at)
+def transposed(x, i, width, rows, level, out, at):
+    columns(x, i, width, rows, load(level, 0), out, at)
+
+
+@njit(nogil=True)
+def transposed_and_summed(x, i, width, rows, n, level, out, at, sums):
+    found = summed_columns(x, i, width, rows, n, load(level, 0), out, at)
+    for k in range(4):
+        store(sums, LANES * k, found[k])
 
 
 @njit(nogil=True)
@@ -24,13 +31,32 @@ def some(found, i):
     return nonzero(found, i)
 
 
-def test_eight_rows_are_transposed_less_their_levels():
+@pytest.mark.parametrize("rows", [1, 5, LANES])
+def test_eight_rows_are_transposed_less_their_levels(rows):
     rng = np.random.default_rng(1)
-    x, level = rng.normal(size=(LANES, 21)).astype(np.float32), rng.normal(size=LANES)
+    x, level = rng.normal(size=(rows, 21)).astype(np.float32), rng.normal(size=LANES)
     out = np.full((LANES + 2, LANES), 7.0)
-    transposed(x, 5, x.shape[1], level, out.reshape(-1), LANES)
-    assert out[1:-1].tobytes() == (x[:, 5 : 5 + LANES].T.astype(float) - level).tobytes()
+    transposed(x, 5, x.shape[1], rows, level, out.reshape(-1), LANES)
+    present = x[np.minimum(np.arange(LANES), rows - 1), 5 : 5 + LANES]  # the last row stands for those that are missing
+    assert out[1:-1].tobytes() == (present.T.astype(float) - level).tobytes()
     assert (out[[0, -1]] == 7.0).all()  # nothing else is written
+
+
+@pytest.mark.parametrize("n", [0, LANES, 3 * LANES])
+@pytest.mark.parametrize("rows", [3, LANES])
+def test_what_is_transposed_is_summed_in_its_order(rows, n):
+    rng = np.random.default_rng(n)
+    x, level = rng.normal(size=(rows, 29)).astype(np.float32), rng.normal(size=LANES)
+    out, found = np.full((n + 2, LANES), 7.0), np.empty((4, LANES))
+    transposed_and_summed(x, 4, x.shape[1], rows, n, level, out.reshape(-1), LANES, found.reshape(-1))
+    taken = x[np.minimum(np.arange(LANES), rows - 1), 4 : 4 + n].T.astype(float) - level
+    assert out[1:-1].tobytes() == taken.tobytes()
+    assert (out[[0, -1]] == 7.0).all()
+    expected = np.zeros((4, LANES))
+    for t, column in enumerate(taken):
+        expected[t % 2 * 2] += column
+        expected[t % 2 * 2 + 1] += column * column
+    assert found.tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("delay", [1, 7, 40])
