@@ -19,8 +19,10 @@ from typing import Any
 from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip, Verdicts
 from rclpy.publisher import Publisher
 
-from bow_sim.block_request import STREAMS, BlockRequest, Judge, encode_chunk, fingerprint_of, prepare
+from bow_sim.block_request import STREAMS, BlockRequest, Judge, fingerprint_of, prepare
+from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
+from bow_sim.graph.serialized import publish
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
@@ -37,6 +39,7 @@ from bow_sim.simulator_events import (
     Ignore,
     Instruction,
     Log,
+    Messages,
     PlanReceived,
     Publish,
     Published,
@@ -114,6 +117,7 @@ class SimulatorNode(BowNode):
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
         self._leaving = threading.Event()
+        self._messages: ChunkMessages | None = None  # of the block being computed; the worker's
         self._chunks = 0  # published, not counting repetitions
 
         self._publishing = threading.Lock()  # of the publishers
@@ -250,6 +254,7 @@ class SimulatorNode(BowNode):
             try:
                 instruction = self._to_worker.get(timeout=FIRST_HELLO_S)
             except queue.Empty:
+                self._messages = None
                 if self._is_matched():
                     self._handle(WorkerIdle())
                 continue
@@ -262,15 +267,15 @@ class SimulatorNode(BowNode):
                     self._handle(Published(instruction, failed=not self._publish(messages)))
                     with contextlib.suppress(RCLError):  # only for display, may be lost
                         for message in inspect:
-                            self._inspect.publish(message)
+                            publish(self._inspect, message)
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
-        request, chunk = instruction.request, instruction.chunk
+        request = instruction.request
         try:
-            output = request.block.advance()
+            if self._messages is None or self._messages.request is not request:
+                self._messages = ChunkMessages(request, self.incarnation, self._inspected)
             streams = request.judge is None or self._others_listen()
-            about = (self.incarnation, self._inspected, time.time_ns(), streams)
-            return ChunkComputed(*encode_chunk(request, chunk, output, *about))
+            return ChunkComputed(*self._messages.next(time.time_ns(), streams))
         except Exception as error:
             return ChunkFailed(request, repr(error))
 
@@ -280,14 +285,14 @@ class SimulatorNode(BowNode):
             return max(self._publisher_of[topic].get_subscription_count() for topic in STREAMS) > len(CONSUMERS)
         return False
 
-    def _publish(self, messages: Mapping[str, bytes]) -> bool:
+    def _publish(self, messages: Messages) -> bool:
         """Publish a message on each topic; return whether the middleware took them."""
         self.health.messages += len(messages)
         try:
             with self._publishing:
                 for topic, message in messages.items():
                     if topic in self._publisher_of:  # that of verdicts may be missing for the first hello of a run
-                        self._publisher_of[topic].publish(message)
+                        publish(self._publisher_of[topic], message)
                         self.health.bytes += len(message)
         except RCLError as error:  # a subscriber hangs or is just ending; unanswered chunks are sent again
             self.get_logger().warning(f"a chunk is not published: {error}", throttle_duration_sec=5.0)
