@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from bow_sim.kernel.block import Block, ChunkResult
 from bow_sim.kernel.fingerprint import fingerprint
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.kinds import common
+from bow_sim.physics.parameters import Parameters
 from bow_sim.protocol import cdr
 from bow_sim.protocol.limits import check_block
 from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
@@ -48,17 +49,22 @@ class BlockRequest:
     record: str = DEFAULT
     judge: Judge | None = None
 
-    @property
+    @functools.cached_property
     def key(self) -> tuple[int, int]:
         """Block and attempt."""
         return self.message["block"], self.message["attempt"]
+
+    @functools.cached_property
+    def run(self) -> tuple[str, str]:
+        """run_id and sweep_id."""
+        return self.message["run_id"], self.message["sweep_id"]
 
     @property
     def chunks(self) -> int:
         """How many chunks the block has."""
         return self.block.parameters.chunks
 
-    @property
+    @functools.cached_property
     def recorded(self) -> range:
         """The chunks whose streams are recorded."""
         return recorded_chunks(self.record, self.chunks)
@@ -77,6 +83,24 @@ def fingerprint_of(settings: tuple[str, ...]) -> str:
     return fingerprint(spec.parameters(), Axis.of("x", spec.x), Axis.of("y", spec.y))
 
 
+class _Sweep(NamedTuple):
+    """What the settings of a sweep say of all its blocks."""
+
+    parameters: Parameters
+    repeats: Repeats
+    plane_cells: int
+    axes: tuple[str, str]
+    record: str
+
+
+@functools.lru_cache(maxsize=8)
+def _sweep_of(settings: tuple[str, ...]) -> _Sweep:
+    spec = split(settings)
+    plane_cells = spec.number("x", "count") * spec.number("y", "count")
+    axes = str(spec.x.get("name")), str(spec.y.get("name"))
+    return _Sweep(spec.parameters(), Repeats.of(spec), plane_cells, axes, record_of(spec.record))
+
+
 def prepare(message: Mapping[str, Any]) -> BlockRequest:
     """Return the request for a decoded Block message, after checking everything in it.
 
@@ -88,14 +112,12 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
     lengths = {name: len(message[name]) for name in ("cells", "x", "y")}
     if len(set(lengths.values())) != 1 or not lengths["cells"]:
         raise ValueError(f"array lengths {lengths} should be equal and above 0")
-    spec = split(message["spec.settings"])
-    parameters = spec.parameters()
-    repeats, plane_cells = Repeats.of(spec), spec.number("x", "count") * spec.number("y", "count")
-    planned = repeats.cells(plane_cells)
-    check_block(len(message["cells"]), parameters)
+    sweep = _sweep_of(tuple(message["spec.settings"]))
+    planned = sweep.repeats.cells(sweep.plane_cells)
+    check_block(len(message["cells"]), sweep.parameters)
     cells = np.asarray(message["cells"], dtype=np.int64)
     if cells.max() >= planned or len(np.unique(cells)) != len(cells):
         raise ParameterError(f"cells: should be different ones out of 0 ... {planned - 1}")
-    lanes = {str(getattr(spec, axis).get("name")): np.array(message[axis], np.float64) for axis in ("x", "y")}
-    own = common(parameters, repeats.vary(parameters, lanes, cells, plane_cells))
-    return BlockRequest(message, Block(own.parameters, own.lanes), record_of(spec.record))
+    lanes = {name: np.array(message[axis], np.float64) for name, axis in zip(sweep.axes, "xy", strict=True)}
+    own = common(sweep.parameters, sweep.repeats.vary(sweep.parameters, lanes, cells, sweep.plane_cells))
+    return BlockRequest(message, Block(own.parameters, own.lanes), sweep.record)

@@ -24,6 +24,8 @@ from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
 from bow_sim.graph.serialized import publish
 from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol.cdr import WireError
+from bow_sim.protocol.cdr_alike import AlikeReader
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD, spread_over
@@ -116,6 +118,7 @@ class SimulatorNode(BowNode):
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
+        self._receipts = AlikeReader("Receipt")
         self._leaving = threading.Event()
         self._messages: ChunkMessages | None = None  # of the block being computed; the worker's
         self._chunks = 0  # published, not counting repetitions
@@ -167,16 +170,20 @@ class SimulatorNode(BowNode):
         return request
 
     def _on_receipt(self, data: bytes) -> None:
-        receipt = self.decode("Receipt", data)
-        if receipt is not None:
-            self.heard("receipts", receipt["incarnation"])
-            self._handle(ReceiptReceived(receipt))
+        try:
+            receipt = self._receipts.read(data)
+        except WireError as error:
+            self.ignore(str(error))
+            return
+        self.heard("receipts", receipt["incarnation"])
+        self._handle(ReceiptReceived(receipt))
 
     def _on_block(self, data: bytes) -> None:
         message = self.decode("Block", data)
         if message is not None:
             self.heard("blocks", message["coordinator"])
-            self._handle(BlockReceived(message))
+            if message["simulator"] == self.incarnation:
+                self._handle(BlockReceived(message))
 
     def _check_readers(self) -> None:
         run = self._session.run
@@ -206,29 +213,46 @@ class SimulatorNode(BowNode):
 
     def _carry_out(self) -> None:
         """Carry out the session's instructions for the node, in the executor's thread."""
-        with contextlib.suppress(queue.Empty):
-            while not self.finished:
-                match self._to_node.get_nowait():
-                    case SetState(state, detail, run_id):
-                        self.set_state(state, detail, run_id)
-                    case Report() as report:
-                        self._report(report)
-                    case RecreatePublishers():
-                        self._create_publishers(list(self._publisher_of))
-                    case Ignore(why):
-                        self.ignore(why)
-                    case Log(text, severe=True):
-                        self.get_logger().error(text)
-                    case Log(text):
-                        self.get_logger().warning(text, throttle_duration_sec=5.0)
+        while not (self.finished or self._to_node.empty()):  # no other thread takes from it
+            match self._to_node.get_nowait():
+                case SetState(state, detail, run_id):
+                    self.set_state(state, detail, run_id)
+                case Report() as report:
+                    self._report(report)
+                case RecreatePublishers():
+                    self._create_publishers(list(self._publisher_of))
+                case Ignore(why):
+                    self.ignore(why)
+                case Log(text, severe=True):
+                    self.get_logger().error(text)
+                case Log(text):
+                    self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     def _report(self, report: Report) -> None:
-        """Publish which blocks are held and which were refused; the coordinator relies on that."""
+        """State in the heartbeat which blocks are held and which were refused; the coordinator relies on that.
+
+        That blocks were taken is published with the next heartbeat, but before one of them ends.
+        """
         health = self.health
+        ended = self._held() - set(report.held)
+        if not ended <= self._shown:
+            self.publish_health()
+        refused = list(zip(health.refused_blocks, health.refused_attempts, strict=True))
+        changes = (health.state, health.detail, refused) != (report.state, report.detail, list(report.refused))
         health.state, health.detail = report.state, report.detail
         health.held_blocks, health.held_attempts = ([key[part] for key in report.held] for part in (0, 1))
         health.refused_blocks, health.refused_attempts = ([key[part] for key in report.refused] for part in (0, 1))
-        self.publish_health()
+        if changes or ended:
+            self.publish_health()
+
+    def publish_health(self) -> None:
+        """Publish the state of this node now."""
+        self._shown = self._held()
+        super().publish_health()
+
+    def _held(self) -> set[tuple[int, int]]:
+        """Return block and attempt of the blocks that the next heartbeat says are held."""
+        return set(zip(self.health.held_blocks, self.health.held_attempts, strict=True))
 
     def _create_publishers(self, topics: Iterable[str]) -> None:
         with self._publishing:

@@ -29,12 +29,9 @@ Key = tuple[int, int]
 @dataclass
 class _Sent:
     messages: Mapping[str, Buffer]
+    size: int
     receipted: bool = False
     judged: bool = False
-
-    @property
-    def size(self) -> int:
-        return sum(map(len, self.messages.values()))
 
 
 class Window:
@@ -62,7 +59,7 @@ class Window:
     def sent(self, key: Key, messages: Mapping[str, Buffer], now: float, recorded: bool = True) -> None:
         """Note that a chunk is published at `now` (seconds), by topic; `recorded`: its streams are stored."""
         self._quiet_since.setdefault(key[0], now)
-        self._sent[key] = _Sent(messages, receipted=not recorded)
+        self._sent[key] = _Sent(messages, sum(map(len, messages.values())), receipted=not recorded)
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
         """Note an answer; return whether the chunk is now answered by both consumers."""

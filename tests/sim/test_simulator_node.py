@@ -96,6 +96,35 @@ def test_the_heartbeat_names_blocks_held_and_refused(simulator: SimulatorNode) -
     assert (list(health.refused_blocks), list(health.refused_attempts)) == ([5], [1])
 
 
+def test_blocks_taken_are_published_before_they_end_and_what_ends_at_once(
+    simulator: SimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[list[int], list[int]]] = []
+
+    def publish(_: object, message: Health) -> None:
+        told.append((list(message.held_blocks), list(message.refused_blocks)))
+
+    monkeypatch.setattr("rclpy.publisher.Publisher.publish", publish)
+
+    def report(held: str, refused: str = "", state: int = Health.BUSY) -> list[tuple[list[int], list[int]]]:
+        told.clear()
+        keys = (tuple((int(block), 1) for block in blocks) for blocks in (held, refused))
+        simulator._to_node.put(Report(state, "", *keys))
+        simulator._carry_out()
+        return told
+
+    assert report("", state=Health.READY) == [([], [])]
+    assert report("1") == [([1], [])], "the state changes"
+    assert report("12") == []
+    assert report("2") == [([2], [])]
+    assert report("23") == []
+    assert report("2") == [([2, 3], []), ([2], [])], "nobody had heard that 3 was taken"
+    assert report("24") == []
+    simulator.publish_health()
+    assert report("2") == [([2], [])]
+    assert report("2", "5") == [([2], [5])]
+
+
 def test_it_takes_no_work_before_the_coordinator_says_that_it_hears_it(simulator: SimulatorNode) -> None:
     """Blocks of a coordinator that is not known are ignored, and are sent again only after 3 s."""
 
