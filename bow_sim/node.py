@@ -13,14 +13,16 @@ import contextlib
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip, Verdicts
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 
 from bow_sim.block_request import STREAMS, BlockRequest, Judge, fingerprint_of, prepare
 from bow_sim.chunk_messages import ChunkMessages
+from bow_sim.graph.inbox import Inbox
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
 from bow_sim.graph.serialized import publish
 from bow_sim.physics.errors import ParameterError
@@ -65,6 +67,12 @@ with -p station:=NAME it belongs to the station NAME of the run, which has a rec
 
 CHECK_S = 0.1
 """Between two checks of the consumers' heartbeats."""
+
+LOOK_S, REST_S = 0.005, 0.02
+"""Between two looks for receipts of a worker that has nothing to do: while chunks are under way, and else."""
+
+MOST_RECEIPTS = 100
+"""Receipts that are taken at once, at most."""
 
 MATCHED_S = 1.0
 """So long after its publishers are made, a simulator that is not matched with both consumers publishes nothing: Fast
@@ -118,7 +126,7 @@ class SimulatorNode(BowNode):
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
-        self._receipts = AlikeReader("Receipt")
+        self._receipt_reader = AlikeReader("Receipt")
         self._leaving = threading.Event()
         self._messages: ChunkMessages | None = None  # of the block being computed; the worker's
         self._chunks = 0  # published, not counting repetitions
@@ -128,11 +136,16 @@ class SimulatorNode(BowNode):
         self._create_publishers(STREAMS)
         self._inspect = self.create_publisher(InspectedCell, self.topic("inspect"), INSPECT)
         self.subscribe_plan(lambda plan, _: self._on_plan(PlanReceived(plan)))
-        self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
+        self._receipts = Inbox(self, Receipt, "receipts", STREAM)
         self.create_subscription(Block, self.topic("blocks"), self._on_block, WORK, raw=True)
         self.every(CHECK_S, self._check_readers)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
         self._worker.start()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that the executor serves."""
+        return (each for each in super().subscriptions if each is not self._receipts.subscription)
 
     def run_note(self) -> str:
         """Return how much this simulator has computed."""
@@ -168,15 +181,6 @@ class SimulatorNode(BowNode):
                 raise ValueError("this simulator cannot judge blocks")
             request.judge = self._judge_of(self._plan, message["cells"])
         return request
-
-    def _on_receipt(self, data: bytes) -> None:
-        try:
-            receipt = self._receipts.read(data)
-        except WireError as error:
-            self.ignore(str(error))
-            return
-        self.heard("receipts", receipt["incarnation"])
-        self._handle(ReceiptReceived(receipt))
 
     def _on_block(self, data: bytes) -> None:
         message = self.decode("Block", data)
@@ -274,17 +278,23 @@ class SimulatorNode(BowNode):
     # ---- the worker's thread
 
     def _work(self) -> None:
+        idle_at = 0.0
         while not self._leaving.is_set():
             try:
-                instruction = self._to_worker.get(timeout=FIRST_HELLO_S)
+                instruction = self._to_worker.get(timeout=LOOK_S if self._session.under_way else REST_S)
             except queue.Empty:
-                self._messages = None
-                if self._is_matched():
-                    self._handle(WorkerIdle())
+                self._take_receipts()
+                now = time.monotonic()
+                if now - idle_at >= FIRST_HELLO_S:
+                    idle_at, self._messages = now, None
+                    if self._is_matched():
+                        self._handle(WorkerIdle())
                 continue
             match instruction:
                 case ComputeChunk():
-                    self._handle(self._compute(instruction))
+                    computed = self._compute(instruction)
+                    self._take_receipts()
+                    self._handle(computed)
                 case Publish(messages, inspect, again=again):
                     self.health.duplicates += again
                     self._chunks += bool(instruction.of)
@@ -292,6 +302,17 @@ class SimulatorNode(BowNode):
                     with contextlib.suppress(RCLError):  # only for display, may be lost
                         for message in inspect:
                             publish(self._inspect, message)
+
+    def _take_receipts(self) -> None:
+        """Give the session the receipts that wait. The executor would wake its thread for each, beside the kernel."""
+        for data in self._receipts.take(MOST_RECEIPTS):
+            try:
+                receipt = self._receipt_reader.read(data)
+            except WireError as error:
+                self._to_node.put(Ignore(str(error)))
+            else:
+                self.heard("receipts", receipt["incarnation"])
+                self._handle(ReceiptReceived(receipt))
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
         request = instruction.request
