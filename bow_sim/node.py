@@ -68,8 +68,8 @@ with -p station:=NAME it belongs to the station NAME of the run, which has a rec
 CHECK_S = 0.1
 """Between two checks of the consumers' heartbeats."""
 
-LOOK_S, REST_S = 0.005, 0.02
-"""Between two looks for receipts of a worker that has nothing to do: while chunks are under way, and else."""
+LOOK_S = 0.005
+"""Between two looks of the worker for receipts, while chunks are under way and it has nothing to do."""
 
 MOST_RECEIPTS = 100
 """Receipts that are taken at once, at most."""
@@ -281,7 +281,7 @@ class SimulatorNode(BowNode):
         idle_at = 0.0
         while not self._leaving.is_set():
             try:
-                instruction = self._to_worker.get(timeout=LOOK_S if self._session.under_way else REST_S)
+                instruction = self._to_worker.get(timeout=LOOK_S if self._session.under_way else FIRST_HELLO_S)
             except queue.Empty:
                 self._take_receipts()
                 now = time.monotonic()
