@@ -41,12 +41,15 @@ def part(**options: Any) -> Any:
     return decorate
 
 
+_entries: WeakKeyDictionary[Any, dict[bytes, Any]] = WeakKeyDictionary()
+"""Function -> its code by the fingerprint of the arguments' types, as its dispatcher has it."""
+
+
 def entry(function: Any, arguments: tuple[Any, ...]) -> Any:
     """Return the code of a function of `njit` for arguments of these types, compiled if it is not.
 
     It may only be called with arguments of the same types, which it does not check: to find the types of a hundred
-    arrays takes as long as 30 cells take for a chunk. The second time it is found by a hash of the types, as a
-    dispatcher of Numba finds it.
+    arrays takes as long as 30 cells take for a chunk.
     """
     known = _entries.setdefault(function, {})
     fingerprint = compute_fingerprint(arguments)
@@ -55,9 +58,6 @@ def entry(function: Any, arguments: tuple[Any, ...]) -> Any:
         function.compile(kinds)
         known[fingerprint] = function.overloads[kinds].entry_point
     return known[fingerprint]
-
-
-_entries: WeakKeyDictionary[Any, dict[bytes, Any]] = WeakKeyDictionary()
 
 
 intrinsic: Any = extending.intrinsic
