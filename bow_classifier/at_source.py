@@ -16,7 +16,11 @@ from bow_sim.block_request import Judge
 from bow_sim.kernel.block import ChunkResult
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.cdr_in_place import Template
 from bow_sim.protocol.sweep_outline import SweepOutline
+
+COMMON = ("run_id", "sweep_id", "block", "attempt", "incarnation", "cells")
+"""Fields that the verdicts on a block have in common with each other and with its streams."""
 
 
 class Judges:
@@ -35,11 +39,16 @@ class Judges:
         """
         task = self._task_of(plan)
         classifier = task.block_classifier(np.asarray(cells))
+        template: Template | None = None
 
-        def judge(about: Mapping[str, Any], chunk: ChunkResult) -> bytes:
+        def judge(about: Mapping[str, Any], chunk: ChunkResult) -> cdr.Buffer:
+            nonlocal template
             intervals = Intervals(*(getattr(chunk, name) for name in Intervals._fields))
             verdicts = classifier.classify(chunk.bridge_force, intervals)
-            return cdr.encode("Verdicts", task.verdicts_fields(about, verdicts))
+            if template is None:
+                common = {name: about[name] for name in COMMON}
+                template = Template("Verdicts", {**common, "classifier": task.thresholds.hash})
+            return template.write(about, verdicts)[0]
 
         return judge
 

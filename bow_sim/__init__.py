@@ -12,6 +12,7 @@ figures            the paper's figures of one string
 atomic_files       files that are replaced atomically
 config_files       finds the files of config/
 block_request      a block to compute, as the coordinator asks for it
+chunk_messages     the chunks of a block as messages
 simulator_session  what a simulator knows and does: events in, instructions out
 simulator_events   those events and instructions
 node               the simulator node

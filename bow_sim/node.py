@@ -13,15 +13,21 @@ import contextlib
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, StickSlip, Verdicts
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 
-from bow_sim.block_request import STREAMS, BlockRequest, Judge, encode_chunk, fingerprint_of, prepare
+from bow_sim.block_request import STREAMS, BlockRequest, Judge, fingerprint_of, prepare
+from bow_sim.chunk_messages import ChunkMessages
+from bow_sim.graph.inbox import Inbox
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
+from bow_sim.graph.serialized import publish
 from bow_sim.physics.errors import ParameterError
+from bow_sim.protocol.cdr import WireError
+from bow_sim.protocol.cdr_alike import AlikeReader
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD, spread_over
@@ -37,6 +43,7 @@ from bow_sim.simulator_events import (
     Ignore,
     Instruction,
     Log,
+    Messages,
     PlanReceived,
     Publish,
     Published,
@@ -60,6 +67,12 @@ with -p station:=NAME it belongs to the station NAME of the run, which has a rec
 
 CHECK_S = 0.1
 """Between two checks of the consumers' heartbeats."""
+
+LOOK_S = 0.005
+"""Between two looks of the worker for receipts, while chunks are under way and it has nothing to do."""
+
+MOST_RECEIPTS = 100
+"""Receipts that are taken at once, at most."""
 
 MATCHED_S = 1.0
 """So long after its publishers are made, a simulator that is not matched with both consumers publishes nothing: Fast
@@ -113,7 +126,9 @@ class SimulatorNode(BowNode):
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
+        self._receipt_reader = AlikeReader("Receipt")
         self._leaving = threading.Event()
+        self._messages: ChunkMessages | None = None  # of the block being computed; the worker's
         self._chunks = 0  # published, not counting repetitions
 
         self._publishing = threading.Lock()  # of the publishers
@@ -121,11 +136,16 @@ class SimulatorNode(BowNode):
         self._create_publishers(STREAMS)
         self._inspect = self.create_publisher(InspectedCell, self.topic("inspect"), INSPECT)
         self.subscribe_plan(lambda plan, _: self._on_plan(PlanReceived(plan)))
-        self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
+        self._receipts = Inbox(self, Receipt, "receipts", STREAM)
         self.create_subscription(Block, self.topic("blocks"), self._on_block, WORK, raw=True)
         self.every(CHECK_S, self._check_readers)
         self._worker = threading.Thread(target=self._work, name="kernel", daemon=True)
         self._worker.start()
+
+    @property
+    def subscriptions(self) -> Iterator[Subscription]:
+        """The subscriptions that the executor serves."""
+        return (each for each in super().subscriptions if each is not self._receipts.subscription)
 
     def run_note(self) -> str:
         """Return how much this simulator has computed."""
@@ -162,17 +182,12 @@ class SimulatorNode(BowNode):
             request.judge = self._judge_of(self._plan, message["cells"])
         return request
 
-    def _on_receipt(self, data: bytes) -> None:
-        receipt = self.decode("Receipt", data)
-        if receipt is not None:
-            self.heard("receipts", receipt["incarnation"])
-            self._handle(ReceiptReceived(receipt))
-
     def _on_block(self, data: bytes) -> None:
         message = self.decode("Block", data)
         if message is not None:
             self.heard("blocks", message["coordinator"])
-            self._handle(BlockReceived(message))
+            if message["simulator"] == self.incarnation:
+                self._handle(BlockReceived(message))
 
     def _check_readers(self) -> None:
         run = self._session.run
@@ -202,29 +217,46 @@ class SimulatorNode(BowNode):
 
     def _carry_out(self) -> None:
         """Carry out the session's instructions for the node, in the executor's thread."""
-        with contextlib.suppress(queue.Empty):
-            while not self.finished:
-                match self._to_node.get_nowait():
-                    case SetState(state, detail, run_id):
-                        self.set_state(state, detail, run_id)
-                    case Report() as report:
-                        self._report(report)
-                    case RecreatePublishers():
-                        self._create_publishers(list(self._publisher_of))
-                    case Ignore(why):
-                        self.ignore(why)
-                    case Log(text, severe=True):
-                        self.get_logger().error(text)
-                    case Log(text):
-                        self.get_logger().warning(text, throttle_duration_sec=5.0)
+        while not (self.finished or self._to_node.empty()):  # no other thread takes from it
+            match self._to_node.get_nowait():
+                case SetState(state, detail, run_id):
+                    self.set_state(state, detail, run_id)
+                case Report() as report:
+                    self._report(report)
+                case RecreatePublishers():
+                    self._create_publishers(list(self._publisher_of))
+                case Ignore(why):
+                    self.ignore(why)
+                case Log(text, severe=True):
+                    self.get_logger().error(text)
+                case Log(text):
+                    self.get_logger().warning(text, throttle_duration_sec=5.0)
 
     def _report(self, report: Report) -> None:
-        """Publish which blocks are held and which were refused; the coordinator relies on that."""
+        """State in the heartbeat which blocks are held and which were refused; the coordinator relies on that.
+
+        That blocks were taken is published with the next heartbeat, but before one of them ends.
+        """
         health = self.health
+        ended = self._held() - set(report.held)
+        if not ended <= self._shown:
+            self.publish_health()
+        refused = list(zip(health.refused_blocks, health.refused_attempts, strict=True))
+        changes = (health.state, health.detail, refused) != (report.state, report.detail, list(report.refused))
         health.state, health.detail = report.state, report.detail
         health.held_blocks, health.held_attempts = ([key[part] for key in report.held] for part in (0, 1))
         health.refused_blocks, health.refused_attempts = ([key[part] for key in report.refused] for part in (0, 1))
-        self.publish_health()
+        if changes or ended:
+            self.publish_health()
+
+    def publish_health(self) -> None:
+        """Publish the state of this node now."""
+        self._shown = self._held()
+        super().publish_health()
+
+    def _held(self) -> set[tuple[int, int]]:
+        """Return block and attempt of the blocks that the next heartbeat says are held."""
+        return set(zip(self.health.held_blocks, self.health.held_attempts, strict=True))
 
     def _create_publishers(self, topics: Iterable[str]) -> None:
         with self._publishing:
@@ -246,31 +278,49 @@ class SimulatorNode(BowNode):
     # ---- the worker's thread
 
     def _work(self) -> None:
+        idle_at = 0.0
         while not self._leaving.is_set():
             try:
-                instruction = self._to_worker.get(timeout=FIRST_HELLO_S)
+                instruction = self._to_worker.get(timeout=LOOK_S if self._session.under_way else FIRST_HELLO_S)
             except queue.Empty:
-                if self._is_matched():
-                    self._handle(WorkerIdle())
+                self._take_receipts()
+                now = time.monotonic()
+                if now - idle_at >= FIRST_HELLO_S:
+                    idle_at, self._messages = now, None
+                    if self._is_matched():
+                        self._handle(WorkerIdle())
                 continue
             match instruction:
                 case ComputeChunk():
-                    self._handle(self._compute(instruction))
+                    computed = self._compute(instruction)
+                    self._take_receipts()
+                    self._handle(computed)
                 case Publish(messages, inspect, again=again):
                     self.health.duplicates += again
                     self._chunks += bool(instruction.of)
                     self._handle(Published(instruction, failed=not self._publish(messages)))
                     with contextlib.suppress(RCLError):  # only for display, may be lost
                         for message in inspect:
-                            self._inspect.publish(message)
+                            publish(self._inspect, message)
+
+    def _take_receipts(self) -> None:
+        """Give the session the receipts that wait. The executor would wake its thread for each, beside the kernel."""
+        for data in self._receipts.take(MOST_RECEIPTS):
+            try:
+                receipt = self._receipt_reader.read(data)
+            except WireError as error:
+                self._to_node.put(Ignore(str(error)))
+            else:
+                self.heard("receipts", receipt["incarnation"])
+                self._handle(ReceiptReceived(receipt))
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
-        request, chunk = instruction.request, instruction.chunk
+        request = instruction.request
         try:
-            output = request.block.advance()
+            if self._messages is None or self._messages.request is not request:
+                self._messages = ChunkMessages(request, self.incarnation, self._inspected)
             streams = request.judge is None or self._others_listen()
-            about = (self.incarnation, self._inspected, time.time_ns(), streams)
-            return ChunkComputed(*encode_chunk(request, chunk, output, *about))
+            return ChunkComputed(*self._messages.next(time.time_ns(), streams))
         except Exception as error:
             return ChunkFailed(request, repr(error))
 
@@ -280,14 +330,14 @@ class SimulatorNode(BowNode):
             return max(self._publisher_of[topic].get_subscription_count() for topic in STREAMS) > len(CONSUMERS)
         return False
 
-    def _publish(self, messages: Mapping[str, bytes]) -> bool:
+    def _publish(self, messages: Messages) -> bool:
         """Publish a message on each topic; return whether the middleware took them."""
         self.health.messages += len(messages)
         try:
             with self._publishing:
                 for topic, message in messages.items():
                     if topic in self._publisher_of:  # that of verdicts may be missing for the first hello of a run
-                        self._publisher_of[topic].publish(message)
+                        publish(self._publisher_of[topic], message)
                         self.health.bytes += len(message)
         except RCLError as error:  # a subscriber hangs or is just ending; unanswered chunks are sent again
             self.get_logger().warning(f"a chunk is not published: {error}", throttle_duration_sec=5.0)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from bow_sim.block_request import BlockRequest
+from bow_sim.protocol.cdr import Buffer
 from bow_sim.protocol.states import NodeState
 
-Messages = Mapping[str, bytes]
+Messages = Mapping[str, Buffer]
 """Topic -> the message to publish on it: bridge_force and stick_slip of a chunk, its verdicts, or all three."""
 
 # ---- events: what the others send
@@ -54,7 +55,7 @@ class ChunkComputed:
     """The chunk of the last :class:`ComputeChunk`, encoded."""
 
     messages: Messages
-    inspect: tuple[bytes, ...] = ()
+    inspect: tuple[Buffer, ...] = ()
     """InspectedCell of each inspected cell of the block."""
 
 
@@ -107,7 +108,7 @@ class Publish:
     """Publish a message on each of some topics; answered by Published."""
 
     messages: Messages
-    inspect: tuple[bytes, ...] = ()
+    inspect: tuple[Buffer, ...] = ()
     of: BlockRequest | None = None
     """The block, where its next chunk is published for the first time."""
     again: bool = False

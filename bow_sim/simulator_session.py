@@ -141,24 +141,24 @@ class SimulatorSession:
     def handle(self, event: Event, now: float) -> list[Instruction]:
         """Take in an event at `now` (seconds, any origin) and return what to do, in order."""
         out: list[Instruction] = []
-        match event:
-            case PlanReceived(plan):
-                self._take_plan(plan, out)
-            case BlockReceived(message):
-                self._take_block(message, out)
+        match event:  # the most frequent first
+            case ChunkComputed():
+                self._busy, self._computed = False, event
+            case Published(instruction, failed):
+                self._take_published(instruction, failed)
             case ReceiptReceived(receipt):
                 self._take_receipt(receipt, now, out)
             case ReadersChecked(missing, consumers_alive):
                 self._consumers_alive = consumers_alive
                 self._check_readers(missing, now, out)
-            case ChunkComputed():
-                self._busy, self._computed = False, event
+            case PlanReceived(plan):
+                self._take_plan(plan, out)
+            case BlockReceived(message):
+                self._take_block(message, out)
             case ChunkFailed(request, why):
                 self._busy = False
                 out.append(Log(f"block {request.key[0]}: {why}", severe=True))
                 self._end(request, complete=False)
-            case Published(instruction, failed):
-                self._take_published(instruction, failed)
             case WorkerIdle():
                 self._show_that_streams_arrive(now, out)
         self._go_on(now, out)
@@ -286,12 +286,7 @@ class SimulatorSession:
 
     def _is_void(self, request: BlockRequest) -> bool:
         """Whether a block need not be computed any more."""
-        message = request.message
-        return (
-            (message["run_id"], message["sweep_id"]) != self.run
-            or message["epoch"] < self.epoch
-            or message["block"] in self._settled
-        )
+        return request.run != self.run or request.message["epoch"] < self.epoch or request.key[0] in self._settled
 
     def _go_on(self, now: float, out: list[Instruction]) -> None:
         """End void blocks, publish the computed chunk if credit permits it, have the next chunk computed."""

@@ -20,6 +20,7 @@ IMPURE = {
     "bow_sim.graph.node_process": {"rclpy", "bow_msgs"},
     "bow_sim.graph.inbox": {"rclpy"},
     "bow_sim.graph.outbox": {"rclpy", "bow_msgs"},
+    "bow_sim.graph.serialized": {"rclpy", "bow_msgs"},
     "bow_classifier.node": {"rclpy", "bow_msgs"},
     "bow_classifier.simulator": {"rclpy", "bow_msgs"},
     "bow_classifier.measured_node": {"rclpy", "bow_msgs"},

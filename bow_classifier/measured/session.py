@@ -300,8 +300,8 @@ class Session:
         force = cdr.encode("BridgeForce", {**common, "data": piece.force})
         return {"bridge_force": force, "stick_slip": cdr.encode("StickSlip", {**common, **slips})}
 
-    def _publish(self, messages: Mapping[str, bytes]) -> None:
-        self.out.extend(Out(topic, data) for topic, data in messages.items())
+    def _publish(self, messages: Mapping[str, cdr.Buffer]) -> None:
+        self.out.extend(Out(topic, bytes(data)) for topic, data in messages.items())
 
 
 def settings_of(string: Parameters, thresholds: Thresholds) -> tuple[str, ...]:

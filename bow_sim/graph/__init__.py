@@ -4,6 +4,7 @@ node_base     the base class of all nodes: quality of service, health, plans
 node_process  one node as a process, from its start until Ctrl-C
 run_log       what a node says of a run in its log
 outbox        messages that must all be published, in order, also while a subscriber hangs
+serialized    messages in CDR that are published from where they are
 inbox         messages of a topic that are taken all at once, when the node wants them
 discovery     on which machines nodes find each other: this one, unless the user names more
 exposure      whether a network would open the graph to the whole internet

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import socket
+import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -175,7 +176,8 @@ class BowNode(Node):
     @staticmethod
     def wall_time() -> Time:
         """Return the system time as a stamp."""
-        return Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+        sec, nanosec = divmod(time.time_ns(), 10**9)
+        return Time(sec=sec, nanosec=nanosec)
 
     def read_parameter(self, name: str, default: Any, what: str, between: tuple[int, int] | None = None) -> Any:
         """Declare a read-only parameter, described by `what`, and return its value."""

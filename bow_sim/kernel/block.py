@@ -143,6 +143,7 @@ class Block:
         waveforms = len(self.trace_names)
         self._ahead: Ahead | None = None
         self._entry: Any = None
+        self._collect: Any = None
         if self._few:
             levels, size = self._levels._asdict(), (described.count, samples, parameters.chunks)
             self._ahead = Ahead(_advance_few, self._string, levels, self._shapes_ahead, *size, waveforms, trace)
@@ -158,37 +159,45 @@ class Block:
         )
         self.traces = aligned((waveforms, samples, width), self._dtype) if trace else None
 
-    def advance(self) -> ChunkResult:
-        """Compute the next five periods.
+    def advance(self, bridge_force: NDArray[np.float32] | None = None) -> ChunkResult:
+        """Compute the next five periods; return new arrays, which later calls do not change.
 
-        Returns
-        -------
-        ChunkResult
-            New arrays, which later calls do not change.
+        Parameters
+        ----------
+        bridge_force : None, or ndarray of float32, shape (cells, samples), C-contiguous
+            Where the bridge force is written; None: in a new array, too.
         """
         if self._ahead is not None:
             result = ChunkResult(*self._ahead.chunk(self.chunk))
             self.traces = self._ahead.traces
-            self.chunk += 1
+        else:
+            result = self._compute(bridge_force)
+        self.chunk += 1
+        if bridge_force is None or result.bridge_force is bridge_force:
             return result
-        samples = self.parameters.chunk_samples
+        bridge_force[:] = result.bridge_force
+        return result._replace(bridge_force=bridge_force)
+
+    def _compute(self, bridge_force: NDArray[np.float32] | None) -> ChunkResult:
+        """Compute the next chunk; its bridge force is written into an array if that has a row for each lane."""
+        samples, cells, lanes = self.parameters.chunk_samples, self._count, self._groups * LANES
         start = self.chunk * samples
-        force, speed = self._tables(start, samples)
-        shapes = Gesture(**self._levels._asdict(), force=force, speed=speed)
-        bridge_force = np.empty((self._groups * LANES, samples), np.float32)
-        slipping = np.unpackbits(self._state.slipping, bitorder="little")[: self._count]
-        output = Output(bridge_force, self._intervals, self.traces)
-        arguments = start, samples, self._string, shapes, self._state, output
+        force = np.empty((lanes, samples), np.float32) if bridge_force is None or cells < lanes else bridge_force
+        slipping = np.unpackbits(self._state.slipping, count=cells, bitorder="little")
+        shapes = Gesture._make((*self._levels, *self._tables(start, samples)))
+        arguments = start, samples, self._string, shapes, self._state, Output(force, self._intervals, self.traces)
         if self._entry is None:
             self._entry = entry(self._kernel, arguments)
         self._entry(*arguments)
-        offsets = np.zeros(self._count + 1, np.uint32)
-        np.cumsum(self._intervals.count[: self._count], out=offsets[1:])
-        size = int(offsets[-1])
+        offsets = np.zeros(cells + 1, np.uint32)
+        np.add.accumulate(self._intervals.count[:cells], out=offsets[1:])
+        size = int(offsets[cells])
         onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.float64)
-        time_loop.collect(self._intervals, offsets, onset, duration, slip)
-        self.chunk += 1
-        return ChunkResult(bridge_force[: self._count], slipping, offsets, onset, duration, slip)
+        collected = self._intervals, offsets, onset, duration, slip
+        if self._collect is None:
+            self._collect = entry(time_loop.collect, collected)
+        self._collect(*collected)
+        return ChunkResult(force if cells == lanes else force[:cells], slipping, offsets, onset, duration, slip)
 
     def contents(self) -> tuple[Any, ...]:
         """Return all that the time loop gets and leaves to the next chunk, and the first gesture; to be compared alone.

@@ -3,6 +3,7 @@
 messages        the fields of every message
 states          the constants of messages
 cdr             messages as CDR bytes and back
+cdr_in_place    messages that are alike but for numbers and arrays, written where they go out
 intervals       slip intervals that can be
 cdr_alike       messages that are alike but for their content, unsealed faster
 identity        new identities for runs and nodes

@@ -29,14 +29,12 @@ from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 __all__ = [
     "ENCAPSULATION",
     "FIELDS",
-    "INTERVAL_FIELDS",
     "SHORT_TEXT",
     "SLACK",
     "TIME",
     "Buffer",
     "Identity",
     "WireError",
-    "checksum_of",
     "chunk_checksum",
     "decode",
     "decode_head",
@@ -56,9 +54,6 @@ ENCAPSULATION = b"\x00\x01\x00\x00"
 
 SLACK = 32
 """Bytes that may follow a message that ROS has serialised: it reserves space for the alignment of empty arrays."""
-
-INTERVAL_FIELDS = ("slipping", "offsets", "onset", "duration", "slip")
-"""The fields of StickSlip that describe the motion."""
 
 
 class WireError(ValueError):
@@ -85,7 +80,7 @@ def chunk_checksum(block: int, chunk: int, bridge_force: int, stick_slip: int) -
     return xxhash.xxh3_64_intdigest(struct.pack("<QQ", bridge_force, stick_slip), seed=place_seed(block, chunk))
 
 
-class _Field(NamedTuple):
+class Field(NamedTuple):
     """How a field is encoded, as far as the message definition determines it."""
 
     name: str
@@ -98,7 +93,7 @@ class _Field(NamedTuple):
     """Maximum number of items of an array."""
 
     @classmethod
-    def of(cls, name: str, declared: str) -> _Field:
+    def of(cls, name: str, declared: str) -> Field:
         item, _, bound = declared.partition("[")
         if item == "string":
             return cls(name, declared, _LENGTH, np.dtype("S"), 0)
@@ -115,10 +110,10 @@ _LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32"
 _LENGTH = struct.Struct("<I")
 _TEXT = struct.Struct("16s")
 _STAMP = struct.Struct("<iI")
-_LAYOUT = {message: [_Field.of(*field) for field in fields.items()] for message, fields in FIELDS.items()}
+LAYOUT = {message: [Field.of(*field) for field in fields.items()] for message, fields in FIELDS.items()}
 
 
-class _Writer:
+class Writer:
     """Collects aligned pieces; the large arrays are joined once, at the end, and copied once."""
 
     def __init__(self) -> None:
@@ -132,7 +127,7 @@ class _Writer:
         self.parts.append(data)
         self.size += gap + len(data)
 
-    def field(self, field: _Field, value: Any) -> None:
+    def field(self, field: Field, value: Any) -> None:
         if field.kind == "scalar":
             self.raw(field.form.pack(value), field.form.size)
         elif field.kind == "array":
@@ -160,7 +155,7 @@ class _Writer:
 @lru_cache(16)
 def _texts(texts: tuple[str, ...]) -> bytes:
     """Return a sequence of texts as bytes: the settings of a run are in each of its plans and blocks."""
-    writer = _Writer()
+    writer = Writer()
     writer.raw(_LENGTH.pack(len(texts)), 4)
     for text in texts:
         writer.string(text)
@@ -191,20 +186,9 @@ def encode(name: str, values: Mapping[str, Any]) -> bytes:
     WireError
         If a value is too long for its field.
     """
-    return b"".join(_pieces(name, values)[0])
-
-
-def checksum_of(name: str, values: Mapping[str, Any]) -> int:
-    """Return the checksum of sealed message `name`, whose bytes need not be put together for it; see :func:`encode`."""
-    return _pieces(name, values)[1]
-
-
-def _pieces(name: str, values: Mapping[str, Any]) -> tuple[list[bytes | memoryview], int]:
-    """Return the bytes of a message, in pieces that share the memory of its arrays, and its checksum, 0 for none."""
-    head, tail = _Writer(), _Writer()
-    writer, checksum = head, 0
-    seals = is_sealed(name)
-    for field in _LAYOUT[name]:
+    head, tail = Writer(), Writer()
+    writer, seals = head, is_sealed(name)
+    for field in LAYOUT[name]:
         if seals and field.name == "checksum":
             writer = tail
         else:
@@ -213,9 +197,8 @@ def _pieces(name: str, values: Mapping[str, Any]) -> tuple[list[bytes | memoryvi
         digest = xxhash.xxh3_64(seed=place_seed(int(values["block"]), int(values["chunk"])))
         for part in tail.parts:
             digest.update(part)
-        checksum = digest.intdigest()
-        head.raw(struct.pack("<Q", checksum), 8)
-    return [ENCAPSULATION, *head.parts, *tail.parts], checksum
+        head.raw(struct.pack("<Q", digest.intdigest()), 8)
+    return b"".join([ENCAPSULATION, *head.parts, *tail.parts])
 
 
 def decode(name: str, data: Buffer) -> dict[str, Any]:
@@ -254,7 +237,7 @@ def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any]
     size = len(body)
     values: dict[str, Any] = {}
     at = covered = 0
-    for field, kind, form, dtype, most in _LAYOUT[name]:
+    for field, kind, form, dtype, most in LAYOUT[name]:
         count, item = 1, form.size
         try:
             if kind == "scalar":

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from bow_sim.protocol.cdr import Buffer
+
 LIMIT = 16
 """Chunks under way at most; shared memory is reserved for as many messages."""
 
@@ -26,13 +28,10 @@ Key = tuple[int, int]
 
 @dataclass
 class _Sent:
-    messages: Mapping[str, bytes]
+    messages: Mapping[str, Buffer]
+    size: int
     receipted: bool = False
     judged: bool = False
-
-    @property
-    def size(self) -> int:
-        return sum(map(len, self.messages.values()))
 
 
 class Window:
@@ -57,10 +56,10 @@ class Window:
         """Whether the next chunk has to wait."""
         return len(self._sent) >= self.limit or sum(entry.size for entry in self._sent.values()) >= LIMIT_BYTES
 
-    def sent(self, key: Key, messages: Mapping[str, bytes], now: float, recorded: bool = True) -> None:
+    def sent(self, key: Key, messages: Mapping[str, Buffer], now: float, recorded: bool = True) -> None:
         """Note that a chunk is published at `now` (seconds), by topic; `recorded`: its streams are stored."""
         self._quiet_since.setdefault(key[0], now)
-        self._sent[key] = _Sent(messages, receipted=not recorded)
+        self._sent[key] = _Sent(messages, sum(map(len, messages.values())), receipted=not recorded)
 
     def answered(self, key: Key, now: float, *, receipted: bool = False, judged: bool = False) -> bool:
         """Note an answer; return whether the chunk is now answered by both consumers."""
@@ -83,7 +82,7 @@ class Window:
         self._sent = {key: entry for key, entry in self._sent.items() if gone is not None and key[0] not in gone}
         self._quiet_since = {key[0]: self._quiet_since[key[0]] for key in self._sent}
 
-    def overdue(self, now: float) -> list[Mapping[str, bytes]]:
+    def overdue(self, now: float) -> list[Mapping[str, Buffer]]:
         """Return the messages to publish again, in order: all of each block without answers for `RESEND_S`."""
         quiet = {block for block, since in self._quiet_since.items() if now - since >= RESEND_S}
         self._quiet_since.update(dict.fromkeys(quiet, now))

@@ -7,9 +7,11 @@ compile time, and lack the options that are not documented.
 from __future__ import annotations
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numba
 from numba import extending, types
+from numba._dispatcher import compute_fingerprint
 
 from bow_sim.simd.code_cache import CodeCache
 from bow_sim.simd.parts import OPTIONS, Pipeline, part_of
@@ -39,15 +41,23 @@ def part(**options: Any) -> Any:
     return decorate
 
 
+_entries: WeakKeyDictionary[Any, dict[bytes, Any]] = WeakKeyDictionary()
+"""Function -> its code by the fingerprint of the arguments' types, as its dispatcher has it."""
+
+
 def entry(function: Any, arguments: tuple[Any, ...]) -> Any:
     """Return the code of a function of `njit` for arguments of these types, compiled if it is not.
 
     It may only be called with arguments of the same types, which it does not check: to find the types of a hundred
     arrays takes as long as 30 cells take for a chunk.
     """
-    kinds = tuple(numba.typeof(x) for x in arguments)
-    function.compile(kinds)
-    return function.overloads[kinds].entry_point
+    known = _entries.setdefault(function, {})
+    fingerprint = compute_fingerprint(arguments)
+    if fingerprint not in known:
+        kinds = tuple(numba.typeof(x) for x in arguments)
+        function.compile(kinds)
+        known[fingerprint] = function.overloads[kinds].entry_point
+    return known[fingerprint]
 
 
 intrinsic: Any = extending.intrinsic

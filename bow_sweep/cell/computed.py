@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim.block_request import BlockRequest, encode_chunk
+from bow_sim.block_request import BlockRequest
+from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.kinds import common
@@ -101,6 +102,7 @@ def block_streams(outline: SweepOutline, block: int) -> Iterator[tuple[bytes, by
 def _messages(plane: Plane, identity: Mapping[str, Any]) -> Iterator[tuple[bytes, bytes]]:
     block = Block(*common(plane.parameters, lanes(plane, identity["cells"]))[:2])
     request = BlockRequest({**identity, "attempt": 0}, block)
-    for chunk in range(request.chunks):
-        messages, _ = encode_chunk(request, chunk, block.advance(), "", ())
-        yield messages["bridge_force"], messages["stick_slip"]
+    chunks = ChunkMessages(request, "")
+    for _ in range(request.chunks):
+        messages, _ = chunks.next()
+        yield bytes(messages["bridge_force"]), bytes(messages["stick_slip"])

@@ -15,7 +15,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from bow_sim.block_request import BlockRequest, encode_chunk
+from bow_sim.block_request import BlockRequest
+from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.kernel.block import Block
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.kinds import common, number_of, value_text
@@ -140,8 +141,9 @@ def waveform(run: Run, cell: int, incarnation: str, clock: Callable[[], int]) ->
         "spec.settings": sweep.settings(),
     }
     request = BlockRequest(message, Block(*common(sweep.parameters, sweep.lanes(cells))[:2]))
-    for chunk in range(request.chunks):
-        yield encode_chunk(request, chunk, request.block.advance(), incarnation, cells.tolist(), clock())[1][0]
+    chunks = ChunkMessages(request, incarnation, cells)
+    for _ in range(request.chunks):
+        yield bytes(chunks.next(clock())[1][0])
 
 
 class Inspector:

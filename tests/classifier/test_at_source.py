@@ -9,7 +9,8 @@ import pytest
 import recording
 
 from bow_classifier.at_source import Judges
-from bow_sim.block_request import BlockRequest, encode_chunk, prepare
+from bow_sim.block_request import BlockRequest, prepare
+from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sweep.plan.sweep import Sweep
@@ -31,16 +32,16 @@ def request(sweep: Sweep, block: int, judges: Judges, **changes: Any) -> BlockRe
 def test_its_verdicts_are_those_of_the_classifier(more: tuple[str, ...]) -> None:
     sweep, judges = recording.small_sweep("record=verdicts", *more), Judges()
     for block in range(sweep.blocks):
-        judged = request(sweep, block, judges)
-        for number, chunk in enumerate(recording.chunks(sweep, block)):
-            messages, _ = encode_chunk(judged, number, judged.block.advance(), "c" * 16, [], streams=False)
+        chunks = ChunkMessages(request(sweep, block, judges), "c" * 16)
+        for chunk in recording.chunks(sweep, block):
+            messages, _ = chunks.next(streams=False)
             assert messages == {"verdicts": chunk.verdicts}
 
 
 def test_streams_go_out_with_the_verdicts_where_they_are_wanted() -> None:
     sweep = recording.small_sweep("record=verdicts")
     judged = request(sweep, 0, Judges())
-    messages, _ = encode_chunk(judged, 0, judged.block.advance(), "c" * 16, [], streams=True)
+    messages, _ = ChunkMessages(judged, "c" * 16).next()
     heads = [cdr.decode_head(name, messages[topic]) for topic, name in recording.STORED_ONCE.items()]
     assert [head["checksum"] for head in heads] == [
         cdr.decode_head(name, getattr(recording.chunks(sweep, 0)[0], topic))["checksum"]
@@ -58,5 +59,5 @@ def test_another_run_is_judged_by_its_own_plan() -> None:
     for correlation in (0.5, 0.99):
         sweep = recording.small_sweep("record=verdicts", f"classifier.correlation={correlation}")
         judged = request(sweep, 0, judges, run_id=f"{int(correlation * 100):016x}")
-        messages, _ = encode_chunk(judged, 0, judged.block.advance(), "c" * 16, [], streams=False)
+        messages, _ = ChunkMessages(judged, "c" * 16).next(streams=False)
         assert cdr.unseal("Verdicts", messages["verdicts"])["classifier"] == sweep.thresholds.hash

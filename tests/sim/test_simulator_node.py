@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -9,14 +10,22 @@ from typing import Any
 import pytest
 import rclpy
 import recording
-from bow_msgs.msg import Health, StickSlip
+from bow_msgs.msg import Health, Receipt, StickSlip
 
 from bow_sim.block_request import STREAMS, Judge
 from bow_sim.graph.node_base import STREAM, RCLError
 from bow_sim.node import MATCHED_S, TOPICS, SimulatorNode
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS
-from bow_sim.simulator_events import Ignore, PlanReceived, RecreatePublishers, Report, SetState
+from bow_sim.simulator_events import (
+    Event,
+    Ignore,
+    PlanReceived,
+    ReceiptReceived,
+    RecreatePublishers,
+    Report,
+    SetState,
+)
 from tests.support.example_maps import RUN, plan
 
 
@@ -94,6 +103,62 @@ def test_the_heartbeat_names_blocks_held_and_refused(simulator: SimulatorNode) -
     assert (health.state, health.run_id, health.ignored) == (Health.BUSY, "r1", 1)
     assert (list(health.held_blocks), list(health.held_attempts)) == ([3, 4], [1, 2])
     assert (list(health.refused_blocks), list(health.refused_attempts)) == ([5], [1])
+
+
+def test_blocks_taken_are_published_before_they_end_and_what_ends_at_once(
+    simulator: SimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[tuple[list[int], list[int]]] = []
+
+    def publish(_: object, message: Health) -> None:
+        told.append((list(message.held_blocks), list(message.refused_blocks)))
+
+    monkeypatch.setattr("rclpy.publisher.Publisher.publish", publish)
+
+    def report(held: str, refused: str = "", state: int = Health.BUSY) -> list[tuple[list[int], list[int]]]:
+        told.clear()
+        keys = (tuple((int(block), 1) for block in blocks) for blocks in (held, refused))
+        simulator._to_node.put(Report(state, "", *keys))
+        simulator._carry_out()
+        return told
+
+    assert report("", state=Health.READY) == [([], [])]
+    assert report("1") == [([1], [])], "the state changes"
+    assert report("12") == []
+    assert report("2") == [([2], [])]
+    assert report("23") == []
+    assert report("2") == [([2, 3], []), ([2], [])], "nobody had heard that 3 was taken"
+    assert report("24") == []
+    simulator.publish_health()
+    assert report("2") == [([2], [])]
+    assert report("2", "5") == [([2], [5])]
+
+
+def test_the_worker_takes_receipts_and_says_which_bytes_are_none(
+    simulator: SimulatorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken: list[tuple[str, object]] = []
+
+    def handle(event: Event) -> None:
+        if isinstance(event, ReceiptReceived):
+            taken.append((threading.current_thread().name, event.receipt["incarnation"]))
+
+    monkeypatch.setattr(simulator, "_handle", handle)
+    assert simulator._receipts.subscription not in list(simulator.subscriptions)
+    receipts = simulator.create_publisher(Receipt, "receipts", STREAM)
+    values = {"run_id": RUN, "sweep_id": RUN, "kind": [1], "block": [2], "chunk": [3], "attempt": [1], "checksum": [4]}
+    deadline = time.monotonic() + 10
+    while not receipts.get_subscription_count() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    sent = [cdr.encode("Receipt", {**values, "incarnation": each * 16}) for each in "ab"]
+    for data in (sent[0], sent[0][:-20], sent[1]):
+        receipts.publish(data)
+    while len(taken) < 2 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert taken == [("kernel", "a" * 16), ("kernel", "b" * 16)]
+    simulator._carry_out()
+    assert simulator.health.ignored == 1
+    assert {words.split()[0] for words in simulator.neighbours.hears(simulator.awake.now())} == {"a" * 16, "b" * 16}
 
 
 def test_it_takes_no_work_before_the_coordinator_says_that_it_hears_it(simulator: SimulatorNode) -> None:

@@ -112,7 +112,7 @@ def chunks(
             "first_sample": chunk * samples,
             "samples": samples,
             "data": result.bridge_force,
-            **{name: getattr(result, name) for name in cdr.INTERVAL_FIELDS},
+            **result._asdict(),
         }
         force, slip = cdr.encode("BridgeForce", values), cdr.encode("StickSlip", values)
         classifier.take("BridgeForce", force)
