@@ -211,7 +211,10 @@ class SweepOutline:
         """
         run_id, sweep_id, block, chunk = (values[field] for field in ("run_id", "sweep_id", "block", "chunk"))
         if run_id != self.run_id or sweep_id != self.sweep_id:
-            return f"it is of run {run_id!r}, sweep {sweep_id!r}; should be of run {self.run_id!r}, sweep {self.sweep_id!r}"
+            return (
+                f"it is of run {run_id!r}, sweep {sweep_id!r}; "
+                f"should be of run {self.run_id!r}, sweep {self.sweep_id!r}"
+            )
         if block >= self.blocks or chunk >= self.chunks:
             return f"block {block}, chunk {chunk}: the sweep has {self.blocks} blocks of {self.chunks} chunks"
         return ""
