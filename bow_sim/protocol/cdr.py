@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xxhash
 
+from bow_sim.protocol.cdr_readers import READERS
 from bow_sim.protocol.intervals import intervals_objection
 from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, TIME, UNSTAMPED, is_sealed
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
@@ -226,7 +227,19 @@ def decode_head(name: str, data: Buffer) -> dict[str, Any]:
 
 
 def _decode(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any], int]:
-    """Return the fields of a message, or those up to its checksum, and the first byte that the checksum covers.
+    """Return the fields of a message, or those up to its checksum, and the first byte that the checksum covers."""
+    if whole and name in READERS:
+        try:
+            found = READERS[name](data)
+        except (ValueError, struct.error):
+            found = None
+        if found is not None:
+            return found
+    return _follow(name, data, whole)
+
+
+def _follow(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any], int]:
+    """Return what :func:`_decode` returns, field by field.
 
     No memory is allocated for a length that the message states but does not have.
     """
