@@ -23,7 +23,7 @@ import numpy as np
 import xxhash
 
 from bow_sim.protocol.cdr_readers import READERS
-from bow_sim.protocol.intervals import intervals_objection
+from bow_sim.protocol.intervals import intervals_objection, lengths_objection
 from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, TIME, UNSTAMPED, is_sealed
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
@@ -357,13 +357,18 @@ def identity(values: Mapping[str, Any]) -> Identity:
     return Identity(*(values[field] for field in Identity._fields))
 
 
-def unseal(name: str, data: Buffer) -> dict[str, Any]:
+def unseal(name: str, data: Buffer, check_intervals: bool = True) -> dict[str, Any]:
     """Return the fields of sealed message `name` after checking its checksum and the lengths of its arrays.
+
+    Parameters
+    ----------
+    check_intervals
+        Whether the slip intervals of a StickSlip are checked, too.
 
     Raises
     ------
     WireError
-        If the checksum is wrong, or the lengths of arrays do not fit each other.
+        If the checksum is wrong, the lengths of arrays do not fit each other, or intervals that are checked cannot be.
     """
     values, covered = _decode(name, data)
     expected = xxhash.xxh3_64_intdigest(memoryview(data)[covered:], seed=place_seed(values["block"], values["chunk"]))
@@ -376,7 +381,8 @@ def unseal(name: str, data: Buffer) -> dict[str, Any]:
     elif name == "BridgeForce":
         lengths = {"data": cells * values["samples"]}
     elif name == "StickSlip":
-        if reason := intervals_objection(values):
+        reason = intervals_objection(values) if check_intervals else lengths_objection(values)
+        if reason:
             raise WireError(f"StickSlip{reason}")
         lengths = {"slipping": cells, "offsets": cells + 1}
     elif name == "Verdicts":

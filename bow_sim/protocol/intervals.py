@@ -8,6 +8,14 @@ from typing import Any
 import numpy as np
 
 
+def lengths_objection(values: Mapping[str, Any]) -> str:
+    """Return which arrays of slip intervals do not have the same length; "" if all have, see `intervals_objection`."""
+    onsets, durations, slips = (len(values[name]) for name in ("onset", "duration", "slip"))
+    if onsets == durations == slips:
+        return ""
+    return f": {onsets} onsets, {durations} durations, {slips} slips; should be equal"
+
+
 def intervals_objection(values: Mapping[str, Any]) -> str:
     """Return what is wrong with slip intervals that are not in order, separate, and within the chunk; "" if nothing.
 
@@ -16,10 +24,10 @@ def intervals_objection(values: Mapping[str, Any]) -> str:
     values
         The decoded fields of a StickSlip. The text continues its name.
     """
+    if reason := lengths_objection(values):
+        return reason
     offsets, onset, duration = values["offsets"], values["onset"], values["duration"]
     count = len(onset)
-    if len(duration) != count or len(values["slip"]) != count:
-        return f": {count} onsets, {len(duration)} durations, {len(values['slip'])} slips; should be equal"
     if not len(offsets) or offsets[0] != 0 or offsets[-1] != count or np.count_nonzero(offsets[1:] < offsets[:-1]):
         return f".offsets: should rise from 0 to {count}, the number of intervals"
     ends = onset + duration  # uint32: wraps where it is no place in a chunk, and is less than the onset then
