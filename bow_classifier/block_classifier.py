@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_classifier.chunk_pass import BlockState, Chunk, Lags, Result, Setup, Strings, classify_cells
+from bow_classifier.chunk_pass import DISORDER, BlockState, Chunk, Lags, Result, Setup, Strings, classify_cells
 from bow_classifier.features.first_slips import Releases
 from bow_classifier.features.long_periods import samples_before
 from bow_classifier.features.slips import Intervals, SlipState, discontinuity
@@ -179,7 +179,8 @@ class BlockClassifier:
         Raises
         ------
         ValueError
-            If an array has another shape, or the slips do not continue the chunk before; the state is then unchanged.
+            If an array has another shape, or the slips cannot be or do not continue the chunk before; the state is then
+            unchanged.
         """
         window = (len(self._beta), self._geometry.samples)
         if bridge_force.shape != window:
@@ -187,6 +188,8 @@ class BlockClassifier:
         result = Result(Features.empty(self._beta), Decision.empty(len(self._beta)))
         chunk = Chunk(_read_only(bridge_force), intervals.copied(), self._chunks)
         wrong = classify_cells(self._state, chunk, self._setup_now(), result)
+        if wrong == DISORDER:
+            raise ValueError(f"slip intervals: should be in order, separate, and within {window[1]} samples")
         if wrong >= 0:
             raise discontinuity(wrong, self._state.slips.slipping[wrong])
         self._state = self._state._replace(before=self._kept(chunk.bridge_force))

@@ -17,7 +17,7 @@ from bow_classifier.features.long_periods import long_workspace, search_row
 from bow_classifier.features.next_rows import FIRST_TEST, NextRows, fetch_before, fetch_samples, fetch_share
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
-from bow_classifier.features.slips import Intervals, SlipState, count_slips, first_discontinuity
+from bow_classifier.features.slips import Intervals, SlipState, are_in_order, count_slips, first_discontinuity
 from bow_classifier.features.windows import EightCells
 from bow_classifier.features.wolf import LEAST, WolfState, find_beat, keep_counts, keep_power, wolf_workspace
 from bow_classifier.verdict.confidence import confidence_workspace
@@ -28,6 +28,9 @@ from bow_sim.simd.lanes import LANES
 
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
+
+DISORDER = -2
+"""What the pass returns for slip intervals that cannot be."""
 
 
 class Strings(NamedTuple):
@@ -263,8 +266,10 @@ def build(version: int) -> Any:
 
     @njit(nogil=True, cache=True, error_model="numpy")
     def classify(state, chunk, setup, result):
+        if version < 0 or not are_in_order(chunk.intervals, *chunk.bridge_force.shape):
+            return DISORDER
         wrong = first_discontinuity(chunk.intervals.slipping, state.slips)
-        if wrong >= 0 or version < 0:
+        if wrong >= 0:
             return wrong
         workspace = _workspace(
             chunk.bridge_force.shape[1], setup.start, int(setup.limits.period), setup.lags, state.wolf
@@ -290,5 +295,5 @@ result : Result
 Returns
 -------
 int
-    The first cell whose slips do not continue the chunk before, when nothing has been changed; -1 for none.
+    -1; where nothing has been changed, the first cell whose slips do not continue the chunk before, or `DISORDER`.
 """

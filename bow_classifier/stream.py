@@ -20,6 +20,7 @@ from bow_classifier.features.slips import Intervals
 from bow_classifier.task import Task
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.cdr_in_place import Template
 from bow_sim.protocol.states import BlockState, PlanState
 from bow_sim.protocol.sweep_outline import SweepOutline
 
@@ -57,12 +58,14 @@ class _Half(NamedTuple):
 
 class _Answer(NamedTuple):
     checksums: Mapping[str, int]  # of the two messages
-    values: Mapping[str, Any]  # of the message Verdicts, without the attempt
+    numbers: Mapping[str, int]  # of the message Verdicts, without the attempt
+    verdicts: Verdicts
 
 
 @dataclass
 class _Block:
     classifier: BlockClassifier | None
+    messages: Template  # of its verdicts
     waiting: dict[str, dict[int, _Half]] = field(default_factory=lambda: {FORCE: {}, SLIP: {}})
     answers: list[_Answer] = field(default_factory=list)  # by chunk
 
@@ -183,8 +186,18 @@ class Classifier:
         self.complaints.append(text)
 
     def _new_block(self, block: int) -> _Block:
-        assert self.task is not None
-        return _Block(self.task.block_classifier(self.task.outline.block(block)))
+        task = self.task
+        assert task is not None
+        cells = task.outline.block(block)
+        common = {
+            "run_id": task.outline.run_id,
+            "sweep_id": task.outline.sweep_id,
+            "block": block,
+            "incarnation": self.incarnation,
+            "classifier": task.thresholds.hash,
+            "cells": cells,
+        }
+        return _Block(task.block_classifier(cells), Template("Verdicts", common))
 
     def _check(self, name: str, data: cdr.Buffer) -> dict[str, Any]:
         """Return the fields of a message of the sweep in progress.
@@ -194,7 +207,7 @@ class Classifier:
         WireError, Refused
             Where the message is damaged, or does not belong to this sweep.
         """
-        values = cdr.unseal(name, data)
+        values = cdr.unseal(name, data, check_intervals=False)  # they are checked when they are counted
         if self.task is None:
             reason = "no sweep is open"
         else:
@@ -218,7 +231,7 @@ class Classifier:
         """Answer a chunk that is already classified, once for its two messages."""
         answer = block.answers[values["chunk"]]
         self._compare(name, values, answer.checksums[name])
-        return [_verdicts(answer, values["attempt"])] if name == SLIP else []
+        return [_message(block, answer, values["attempt"])] if name == SLIP else []
 
     def _hold(self, name: str, values: Mapping[str, Any], block: _Block) -> None:
         """Keep one message of a chunk until the other arrives, if no earlier chunk is missing on its topic."""
@@ -244,30 +257,21 @@ class Classifier:
             except ValueError as error:  # this message is wrong; another attempt may send a right one
                 self.complain(f"StickSlip of block {number}, chunk {block.next} ignored: {error}")
                 break
-            answer = self._answer(number, block.next, force, slip, verdicts)
+            checksums = {FORCE: force["checksum"], SLIP: slip["checksum"]}
+            numbers = {
+                "header.stamp": force["stamp"],
+                "chunk": block.next,
+                "chunk_checksum": cdr.chunk_checksum(number, block.next, *checksums.values()),
+            }
+            answer = _Answer(checksums, numbers, verdicts)
             del block.waiting[FORCE][block.next]
             block.answers.append(answer)
             self.counts.judged += 1
-            out += [_verdicts(answer, attempt) for attempt in attempts]
+            out += [_message(block, answer, attempt) for attempt in attempts]
             if self.task and block.next == self.task.outline.chunks:
                 block.classifier = None
         return out
 
-    def _answer(
-        self, block: int, chunk: int, force: Mapping[str, Any], slip: Mapping[str, Any], verdicts: Verdicts
-    ) -> _Answer:
-        assert self.task is not None
-        checksums = {FORCE: force["checksum"], SLIP: slip["checksum"]}
-        about = {
-            "stamp": force["stamp"],
-            "block": block,
-            "chunk": chunk,
-            "incarnation": self.incarnation,
-            "chunk_checksum": cdr.chunk_checksum(block, chunk, checksums[FORCE], checksums[SLIP]),
-            "cells": self.task.outline.block(block),
-        }
-        return _Answer(checksums, self.task.verdicts_fields(about, verdicts))
 
-
-def _verdicts(answer: _Answer, attempt: int) -> bytes:
-    return cdr.encode("Verdicts", {**answer.values, "attempt": attempt})
+def _message(block: _Block, answer: _Answer, attempt: int) -> bytes:
+    return bytes(block.messages.write({**answer.numbers, "attempt": attempt}, answer.verdicts)[0])

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_classifier.block_classifier import BlockClassifier, Geometry, Verdicts
+from bow_classifier.block_classifier import BlockClassifier, Geometry
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.kinds import common
 from bow_sim.physics.parameters import Parameters
@@ -45,20 +44,6 @@ class Task:
         values = {name: self.outline.values(name, cells) for name in ("v_b", "bow_bridge", "acceleration")}
         own = common(self.outline.parameters, self.outline.lanes(cells))
         return classifier_of(own.parameters, replace(self.thresholds, **own.thresholds), values)
-
-    def verdicts_fields(self, about: Mapping[str, Any], verdicts: Verdicts) -> dict[str, Any]:
-        """Return the fields of the message Verdicts of a chunk.
-
-        Parameters
-        ----------
-        about
-            Of the chunk: ``block``, ``chunk``, ``cells``, ``stamp``, ``chunk_checksum``; ``incarnation`` of who judged
-            it; ``attempt``, unless it is put in later.
-        verdicts
-            On its cells.
-        """
-        own = {"run_id": self.outline.run_id, "sweep_id": self.outline.sweep_id, "classifier": self.thresholds.hash}
-        return {**about, **own, "header.stamp": about["stamp"], **verdicts._asdict()}
 
 
 def classifier_of(

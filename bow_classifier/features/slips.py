@@ -117,6 +117,27 @@ def sureness(tally):
 
 
 @part(**LEAN)
+def are_in_order(intervals, cells, samples):
+    """Return whether the intervals of each cell are in order, separate, and within the chunk, as is supposed below."""
+    offsets, onset, duration = intervals.offsets, intervals.onset, intervals.duration
+    count = onset.shape[0]
+    if offsets.shape[0] != cells + 1 or intervals.slipping.shape[0] != cells:
+        return False
+    if duration.shape[0] != count or intervals.slip.shape[0] != count or offsets[0] != 0 or offsets[cells] != count:
+        return False
+    for i in range(cells):
+        if offsets[i + 1] < offsets[i] or offsets[i + 1] > count:
+            return False
+        end = np.int64(-1)
+        for k in range(offsets[i], offsets[i + 1]):
+            begin, length = np.int64(onset[k]), np.int64(duration[k])
+            if begin <= end or length < 1 or begin + length > samples:
+                return False
+            end = begin + length
+    return True
+
+
+@part(**LEAN)
 def first_discontinuity(slipping, state):
     """Return the first cell whose chunk does not begin in the state in which the one before ended; -1 for none."""
     for i in range(slipping.shape[0]):

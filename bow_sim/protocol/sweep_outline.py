@@ -209,14 +209,14 @@ class SweepOutline:
         values
             The fields of its identity, as :func:`bow_sim.protocol.cdr.decode_head` gives them.
         """
-        seen = cdr.identity(values)
-        if (seen.run_id, seen.sweep_id) != (self.run_id, self.sweep_id):
+        run_id, sweep_id, block, chunk = (values[field] for field in ("run_id", "sweep_id", "block", "chunk"))
+        if run_id != self.run_id or sweep_id != self.sweep_id:
             return (
-                f"it is of run {seen.run_id!r}, sweep {seen.sweep_id!r}; "
+                f"it is of run {run_id!r}, sweep {sweep_id!r}; "
                 f"should be of run {self.run_id!r}, sweep {self.sweep_id!r}"
             )
-        if seen.block >= self.blocks or seen.chunk >= self.chunks:
-            return f"block {seen.block}, chunk {seen.chunk}: the sweep has {self.blocks} blocks of {self.chunks} chunks"
+        if block >= self.blocks or chunk >= self.chunks:
+            return f"block {block}, chunk {chunk}: the sweep has {self.blocks} blocks of {self.chunks} chunks"
         return ""
 
     def objection(self, name: str, values: Mapping[str, Any]) -> str:
@@ -233,7 +233,7 @@ class SweepOutline:
             return reason
         block, chunk = values["block"], values["chunk"]
         cells = self.block(block)
-        if not np.array_equal(values["cells"], cells):
+        if values["cells"].tobytes() != cells.tobytes():  # both uint32
             return f"its cells are not the {len(cells)} cells of block {block}, {cells[0]} ... {cells[-1]}"
         if name == "Verdicts":
             right = self.classifier

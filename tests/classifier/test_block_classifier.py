@@ -206,6 +206,37 @@ def test_a_bow_that_is_not_on_a_sample_of_the_string_is_refused(wrong):
         BlockClassifier(GEOMETRY, Thresholds(), 2, bow_bridge=[15, wrong])
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"offsets": [0, 3, 2, 6]},
+        {"offsets": [0, 7, 7, 6]},
+        {"offsets": [1, 2, 4, 6]},
+        {"offsets": [0, 2, 4, 5]},
+        {"offsets": [0, 3, 6]},
+        {"slipping": [0, 0]},
+        {"duration": [3, 9, 3, 9, 3]},
+        {"slip": [1.0]},
+        {"duration": [3, 9, 3, 0, 3, 9]},
+        {"duration": [3, 9, 3, 9, 3, GEOMETRY.samples]},
+        {"onset": [2, 11, 2, 5, 2, 11]},
+        {"onset": [2, 11, 2, 11, 2, 2**32 - 5]},
+    ],
+)
+def test_slip_intervals_that_cannot_be_are_refused(changes):
+    right = Intervals(
+        slipping=np.zeros(3, np.uint8),
+        offsets=np.array([0, 2, 4, 6], np.uint32),
+        onset=np.array([2, 11] * 3, np.uint32),
+        duration=np.array([3, 9] * 3, np.uint32),
+        slip=np.ones(6),
+    )
+    classifier, force = BlockClassifier(GEOMETRY, Thresholds(), 3), np.zeros((3, GEOMETRY.samples), np.float32)
+    with pytest.raises(ValueError, match="slip intervals: should be in order, separate, and within 695 samples"):
+        classifier.classify(force, right._replace(**{name: np.array(value) for name, value in changes.items()}))
+    classifier.classify(force, right)
+
+
 def test_a_refused_chunk_leaves_the_state_as_it_was():
     first, second, third, fourth = chunks([helmholtz(SAMPLES, phase=0.06)])
     classifier, same = BlockClassifier(GEOMETRY, Thresholds(), 1), BlockClassifier(GEOMETRY, Thresholds(), 1)

@@ -227,6 +227,7 @@ RUBBISH = {
     "cells of another block": (message(SLIP, 0, block=1, content=BLOCKS[0][0], cells=[0, 1]), "its cells are not the"),
     "another first sample": (message(SLIP, 0, first_sample=695), "695 samples from sample 695 on"),
     "other samples": (message(SLIP, 0, samples=696), "696 samples from sample 0 on"),
+    "slips without a length": (message(SLIP, 0, duration=0 * BLOCKS[0][0][1].duration), "should be in order, separate"),
     "a string that already slips": (message(SLIP, 0, slipping=[1, 1]), "sticks at the end of the chunk before"),
 }
 

@@ -83,5 +83,5 @@ def measure(
     result = Result(Features.empty(np.full(cells, 15 / 139)), Decision.empty(cells))
     chunk = Chunk(force, (intervals or no_slips(cells)).copied(), 0)
     wrong = classify_cells(block, chunk, Setup(strings, Lags(*near, *long), usual, start), result)
-    assert wrong < 0, f"cell {wrong} does not continue the chunk before"
+    assert wrong == -1, f"the slips of cell {wrong} do not continue the chunk before, or cannot be"
     return result.features
