@@ -16,9 +16,13 @@ from bow_sweep.maps.basin_map import Basin, place
 from bow_sweep.run.directory import Run
 from bow_sweep.run.ledger import State
 
+PROGRESS_S = 0.3
+"""Block states, map and feedback are published at the first tick after this many seconds: every 0.4 s. All nodes take
+in the states, the recorder stores the maps, and the dashboard draws them."""
+
 MAP_CELLS_PER_S = 250_000
-"""Cells of the maps that are published in a second, at most: maps of more than 50,000 cells go out less often than
-5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
+"""Cells of the maps that are published in a second, at most: maps of more than 100,000 cells go out less often than
+2.5 Hz. A cell costs the coordinator some 100 ns, for the map and its two images."""
 
 
 @dataclass
@@ -47,6 +51,8 @@ class ActiveRun:
         The latest plan that was published, and when.
     map_at
         When the latest map was published.
+    progress_at
+        When block states, map and feedback were published last, or the run began.
     """
 
     run: Run
@@ -61,6 +67,7 @@ class ActiveRun:
     plan: bytes = b""
     plan_at: float = 0.0
     map_at: float = float("-inf")
+    progress_at: float = 0.0
     _published_tests: int = field(default=-1, init=False)
     _cells: dict[int, tuple[bytes, np.ndarray | slice]] = field(default_factory=dict, init=False)
 
@@ -101,6 +108,10 @@ class ActiveRun:
     def plan_message(self, coordinator: str) -> bytes:
         """Return the Plan; `coordinator` is an incarnation."""
         return messages.plan_message(self.run, PlanState.CLOSED if self.is_closing else PlanState.OPEN, coordinator)
+
+    def is_progress_due(self, now: float) -> bool:
+        """Return whether block states, map and feedback may be published again."""
+        return now - self.progress_at >= PROGRESS_S
 
     def is_map_due(self, now: float) -> bool:
         """Return whether a map of this size may be published again while the run is open."""

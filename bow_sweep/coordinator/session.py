@@ -53,7 +53,7 @@ from bow_sweep.run.directory import Run, RunError
 from bow_sweep.run.ledger import State
 
 TICK_S = 0.2
-"""Seconds between two :class:`TimePassed`; map and progress are published at most this often, 5 Hz."""
+"""Seconds between two :class:`TimePassed`."""
 
 ANNOUNCE_S = 1.0
 """The plan is published again this often while recorder, classifier or a simulator has not taken it up."""
@@ -188,7 +188,7 @@ class CoordinatorSession:
 
     def _begin(self, given: RunGiven, goal: bytes | None = None) -> None:
         run, basin = given.run, basin_of(given.layers or {}, given.run.sweep)
-        active = self._active = ActiveRun(run, basin, self._wall_clock(), goal, given.dashboard)
+        active = self._active = ActiveRun(run, basin, self._wall_clock(), goal, given.dashboard, progress_at=self._now)
         self._pool.begin()
         self._set_state(NodeState.STARTING, "a sweep opens", run.run_id)
         if run.ledger.finished:  # stopped after its last block, before its report or the next round
@@ -328,7 +328,8 @@ class CoordinatorSession:
         self._say_hello(run)
         self._begin_work()
         self._apply(ledger_events.Tick())
-        if not active.is_closing:
+        if not active.is_closing and active.is_progress_due(self._now):
+            active.progress_at = self._now
             self._publish_plan(active, if_changed=True)
             if active.is_map_due(self._now):
                 self._publish_map(active)

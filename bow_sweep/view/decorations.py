@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -126,6 +127,13 @@ def cell_size(plane: Plane) -> tuple[float, float]:
 
 def surroundings(plane: Plane) -> Decorations:
     """Return frame, ticks and labels of a map."""
+    made = _surroundings(plane)
+    return Decorations([*made.lines], [*made.places], [*made.labels])
+
+
+@lru_cache(maxsize=1)
+def _surroundings(plane: Plane) -> Decorations:
+    """Return what :func:`surroundings` returns; all pictures of a map have it."""
     made = Decorations()
     made.line((0, 0), (WIDTH, 0), (WIDTH, HEIGHT), (0, HEIGHT), (0, 0))
     x, y = plane.axes

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS
 from bow_sim.protocol.states import NodeState, ReceiptKind
 from bow_sweep.coordinator import active_run
+from bow_sweep.coordinator.node import CoordinatorNode
+from bow_sweep.coordinator.session import TICK_S
 from bow_sweep.coordinator.session_events import (
     HealthReceived,
     Publish,
@@ -25,6 +29,8 @@ from bow_sweep.coordinator.session_events import (
     VerdictsReceived,
 )
 from bow_sweep.run.directory import LEDGER
+from bow_sweep.run.ledger import Ledger
+from bow_sweep.run.ledger_events import Finished, SimulatorReady
 
 PLAIN = recording.small_sweep("periods=10")
 
@@ -67,6 +73,40 @@ def test_what_arrives_together_is_one_write_of_the_ledger(monkeypatch: pytest.Mo
     shutil.rmtree(world.directory)
 
 
+def test_answers_are_taken_less_often_while_blocks_queue() -> None:
+    taken: list[int] = []
+    inbox, ledger = SimpleNamespace(take=lambda most: taken.append(most) or []), Ledger(3, 1)
+    session = SimpleNamespace(run=SimpleNamespace(ledger=ledger))
+    node = SimpleNamespace(_heartbeats=[], _takes=0, _session=session, _inboxes={"": (inbox, inbox)})
+
+    def takes() -> int:
+        taken.clear()
+        for _ in range(6):
+            assert list(CoordinatorNode._arrived(node)) == []  # type: ignore[arg-type]
+        return len(taken) // 2  # of verdicts and receipts
+
+    assert takes() == 6, "no simulator is at work"
+    ledger.handle(SimulatorReady("a"), 0.0)
+    assert takes() == 2, "two blocks are sent, one waits"
+    ledger.handle(Finished("a", 0, 1), 1.0)
+    assert takes() == 6, "the last block is sent"
+
+
+def test_a_growing_map_goes_out_at_every_second_tick() -> None:
+    world = World()
+    run = world.create(PLAIN, b"").run
+    world.session.handle(RunGiven(run), 0.0)
+    judged, times = product(range(run.blocks.count), range(run.sweep.chunks)), []
+    for tick, (block, chunk) in enumerate(judged, 1):
+        now = TICK_S * tick + 0.01 * (tick % 2)  # timers are late
+        world.session.handle(VerdictsReceived(verdicts(run, block, chunk)), now)
+        times += [tick for event in world.session.handle(TimePassed(), now) if isinstance(event, PublishMap)]
+    assert len(times) > 1
+    assert times == list(range(2, tick + 1, 2))
+    world.session.close()
+    shutil.rmtree(world.directory)
+
+
 def test_maps_of_many_cells_go_out_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
     world = World()
     monkeypatch.setattr(active_run, "MAP_CELLS_PER_S", PLAIN.cells / 3)  # one in three seconds
@@ -80,7 +120,7 @@ def test_maps_of_many_cells_go_out_less_often(monkeypatch: pytest.MonkeyPatch) -
 
     sizes = [run.blocks.size(block) for block in range(3)]
     assert maps(0, 1.0) == [sizes[0]]
-    assert maps(1, 3.9) == []
+    assert maps(1, 3.5) == []
     assert maps(2, 4.0) == [sum(sizes)], "the one that was left out is in the next"
     world.session.close()
     shutil.rmtree(world.directory)

@@ -88,6 +88,20 @@ def test_the_suffix_chooses_the_kind_and_the_same_map_gives_the_same_bytes(tmp_p
     assert content == (tmp_path / ("b" + suffix)).read_bytes()
 
 
+def test_formulas_that_are_kept_from_another_map_give_the_same_picture(tmp_path, monkeypatch):
+    monkeypatch.setattr(layout.Canvas, "_parser", None)  # as in a new process
+    draw_map(map_file(), tmp_path / "first.png")
+    parser = layout.Canvas._parser
+    other = replace(map_file(), x_name="v_mid", x=np.linspace(-2, 0.9, 8))
+    draw_map(other, tmp_path / "other.png")
+    draw_map(map_file(), tmp_path / "again.png")
+    assert layout.Canvas._parser is parser
+    assert (tmp_path / "first.png").read_bytes() == (tmp_path / "again.png").read_bytes()
+    monkeypatch.setattr(layout.Canvas, "_parser", None)
+    draw_map(other, tmp_path / "alone.png")
+    assert (tmp_path / "other.png").read_bytes() == (tmp_path / "alone.png").read_bytes()
+
+
 @pytest.mark.parametrize("name", ["map.gif", "map"])
 def test_other_suffixes_are_refused_before_anything_is_written(tmp_path, name):
     with pytest.raises(FigureError, match=r"should end in \.png, \.svg, \.pdf"):
