@@ -21,6 +21,10 @@ BOOTSTRAPPED = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 AT_START = ("LD_LIBRARY_PATH", "PYTHONPATH", "PYTHONWARNINGS")
 """Variables that are read only when a process starts: to change them, the process must be started again."""
 
+BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+"""Read when NumPy and SciPy are loaded: each starts this many threads for linear algebra, which nothing here uses much.
+By default there is one for each core, and all but the first spin for some 0.1 s in each process that loads them."""
+
 _STARTED_AGAIN = "_BOW_STARTED_AGAIN"
 
 _LIBRARIES = ("librcl", "librcutils", "librmw", "librosidl", "libfastrtps", "libfastdds", "libfastcdr")
@@ -106,6 +110,7 @@ def cleaned(environment: Mapping[str, str]) -> dict[str, str]:
     right = dict(environment)
     right["NUMBA_DISABLE_JIT"] = "0"  # the kernels exist only compiled
     right["SKIP_DEFAULT_XML_FILE"] = "1"  # Fast DDS would read a profile from the working directory
+    right.setdefault(BLAS_THREADS, "1")
     if right.get("PYTHONWARNINGS", "").startswith("error"):
         del right["PYTHONWARNINGS"]
     python = right.get("PYTHONPATH", "").split(os.pathsep)

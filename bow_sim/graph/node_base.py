@@ -137,7 +137,7 @@ class BowNode(Node):
         self.awake = AwakeClock()
         self.neighbours = Neighbours(self.incarnation, self.health.host, self.confirms)
         self.authority = Authority(self.works_for)
-        self._next_health = self._log_at = 0.0
+        self._health_at = self._log_at = 0.0
         self._logged = False
         self._said = ""
         self._run_log = RunLog(self.says_ends)
@@ -259,7 +259,7 @@ class BowNode(Node):
     def publish_health(self) -> None:
         """Publish the state of this node now."""
         now = self.awake.now()
-        self._next_health = now + HEALTH_PERIOD_S
+        self._health_at = now
         self.health.stamp = self.wall_time()
         self.health.number += 1
         self.health.rss = resident_bytes()
@@ -269,7 +269,7 @@ class BowNode(Node):
 
     def _publish_health_when_due(self) -> None:
         now = self.awake.now()
-        if self.neighbours.changed or now >= self._next_health:
+        if self.neighbours.changed or now >= self._health_at + HEALTH_PERIOD_S:
             self.publish_health()
         self._log_what_is_awaited(now)
 
@@ -307,6 +307,12 @@ class BowNode(Node):
     def heard(self, topic: str, incarnation: str) -> None:
         """Note that a message of another node has arrived on a topic."""
         self.neighbours.heard(topic, incarnation, self.awake.now())
+        self._report_heard()
+
+    def _report_heard(self) -> None:
+        """Publish what is heard for the first time, because others wait for it; `CHECK_S` after the last heartbeat."""
+        if self.neighbours.changed and self.awake.now() >= self._health_at + CHECK_S:
+            self.publish_health()
 
     def missing_readers(self, topics: Iterable[tuple[str, str]], run_id: str) -> list[str]:
         """Return what keeps the readers of our topics, pairs of topic and role, from receiving them; empty if nothing.
@@ -347,6 +353,7 @@ class BowNode(Node):
             self._end_because_of(rival)
             return
         self.on_health(message, neighbour)
+        self._report_heard()
 
     def publish_heartbeats(self, qos: QoSProfile) -> list[Publisher]:
         """Return publishers of heartbeats, for all who have to hear them."""

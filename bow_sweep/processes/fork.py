@@ -16,7 +16,7 @@ from pathlib import Path
 
 from bow_sweep.processes.exit_status import FAILED
 
-POLL_S = 0.01
+POLL_S = 0.002
 """Interval at which :meth:`Process.wait` checks whether a child has exited."""
 
 UNKNOWN = 1000

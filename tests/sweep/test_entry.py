@@ -1,9 +1,11 @@
 """A signal during the imports ends the executables without a traceback."""
 
+import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -69,6 +71,39 @@ def test_where_ctrl_c_is_ignored_the_command_goes_on(tmp_path: Path) -> None:
     )
     ended = subprocess.run([sys.executable, "-c", program, "sweep"], capture_output=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr) == (5, b"")
+
+
+def ended_after(body: str, folder: Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command with a main() of this body, and what a library does at the exit of Python."""
+    (folder / "short.py").write_text(
+        f"import atexit, sys, threading, time\natexit.register(print, 'library closed')\ndef main():\n    {body}\n"
+    )
+    program = f"import sys; sys.path.insert(0, {str(folder)!r}); from bow_sweep import entry; entry.MAIN = 'short'\n"
+    command = [sys.executable, "-c", f"{program}sys.exit(entry.command())", "settings"]
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=60, check=False, env=buffered, **options)
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "said"),
+    [
+        ("print('result'); return 3", 3, "result\nlibrary closed\n"),
+        ("threading.Timer(0.3, print, ['thread ended']).start(); return 0", 0, "thread ended\nlibrary closed\n"),
+        ("print('result'); sys.exit(2)", 2, "result\nlibrary closed\n"),
+        ("raise RuntimeError", 1, "library closed\n"),
+    ],
+)
+def test_nothing_is_lost_when_the_command_exits_at_once(body: str, status: int, said: str, tmp_path: Path) -> None:
+    ended = ended_after(body, tmp_path, stdout=subprocess.PIPE)
+    assert (ended.returncode, ended.stdout) == (status, said)
+    assert ("RuntimeError" in ended.stderr) == (status == 1)
+
+
+def test_what_cannot_be_printed_at_the_exit_is_reported(tmp_path: Path) -> None:
+    with open("/dev/full", "w") as full:
+        ended = ended_after("print('result'); return 0", tmp_path, stdout=full)
+    assert ended.returncode == 120  # Python's own
+    assert "No space left" in ended.stderr
 
 
 @pytest.mark.parametrize("role", list(entry.MODULES))

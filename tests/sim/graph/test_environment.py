@@ -130,6 +130,16 @@ def test_closed_streams_are_opened_on_dev_null_for_a_process_and_its_children(cl
     assert out.read_text() == "all open"
 
 
+@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({environment.BLAS_THREADS: "2"}, "2")])
+def test_libraries_start_no_threads_that_are_not_asked_for(given: dict[str, str], expected: str) -> None:
+    inherited = {name: value for name, value in os.environ.items() if name != environment.BLAS_THREADS}
+    code = "import numpy, scipy.linalg; print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'])"
+    done = python(code, env={**inherited, **given})
+    threads, number = done.stdout.split()
+    assert number == expected, done.stderr
+    assert expected != "1" or threads == "1"
+
+
 def test_children_have_exit_statuses_where_the_caller_ignored_them() -> None:
     code = "child = os.fork() or os._exit(7); print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))"
     done = python(code, preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN))

@@ -13,8 +13,8 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_base import BowNode
-from bow_sim.protocol.neighbours import Neighbour
+from bow_sim.graph.node_base import CHECK_S, BowNode
+from bow_sim.protocol.neighbours import AwakeClock, Neighbour
 from bow_sim.protocol.stations import STATION_HEALTH, namespace_of
 
 RUN = "/bow/run"
@@ -84,3 +84,21 @@ def test_a_station_hears_itself_and_the_run_and_the_run_hears_all() -> None:
         assert [node.arrived for node, _ in others] == [heard for _, heard in others]
         listeners = coordinator.get_subscriptions_info_by_topic(f"{RUN}/{STATION_HEALTH}")
         assert {info.node_name for info in listeners} == {"coordinator"}
+
+
+def test_what_is_heard_for_the_first_time_is_reported_at_once_and_more_of_it_soon() -> None:
+    with nodes(("coordinator", "")) as (made, spin):
+        node, clock = made[0], [0.0]
+        node.awake = AwakeClock(lambda: clock[0])
+        node.publish_health()
+        number = node.health.number
+        clock[0] += CHECK_S
+        node.heard("verdicts", "another")
+        assert (node.health.number, node.health.hears) == (number + 1, ["another verdicts"])
+        node.heard("verdicts", "another")
+        node.heard("receipts", "another")
+        assert node.health.number == number + 1  # not a heartbeat for each
+        until = time.monotonic() + PATIENCE_S
+        while node.health.number == number + 1 and time.monotonic() < until:
+            spin(CHECK_S)
+        assert (node.health.number, node.health.hears) == (number + 2, ["another receipts verdicts"])
