@@ -61,6 +61,9 @@ with -p station:=NAME it belongs to the station NAME of the run, which has a rec
 CHECK_S = 0.1
 """Between two checks of the consumers' heartbeats."""
 
+LOOK_S = 0.02
+"""Between two looks whether consumers are there to be told that this simulator is."""
+
 MATCHED_S = 1.0
 """So long after its publishers are made, a simulator that is not matched with both consumers publishes nothing: Fast
 DDS may wait for ever for what a reader acknowledges that was matched between two messages (data sharing), see
@@ -248,7 +251,7 @@ class SimulatorNode(BowNode):
     def _work(self) -> None:
         while not self._leaving.is_set():
             try:
-                instruction = self._to_worker.get(timeout=FIRST_HELLO_S)
+                instruction = self._to_worker.get(timeout=LOOK_S if self._session.waits else FIRST_HELLO_S)
             except queue.Empty:
                 if self._is_matched():
                     self._handle(WorkerIdle())
