@@ -74,6 +74,9 @@ LOOK_S = 0.005
 MOST_RECEIPTS = 100
 """Receipts that are taken at once, at most."""
 
+UNHEARD_S = 0.02
+"""Between two looks whether consumers are there to be told that this simulator is."""
+
 MATCHED_S = 1.0
 """So long after its publishers are made, a simulator that is not matched with both consumers publishes nothing: Fast
 DDS may wait for ever for what a reader acknowledges that was matched between two messages (data sharing), see
@@ -280,12 +283,13 @@ class SimulatorNode(BowNode):
     def _work(self) -> None:
         idle_at = 0.0
         while not self._leaving.is_set():
+            pause = UNHEARD_S if self._session.waits else FIRST_HELLO_S
             try:
-                instruction = self._to_worker.get(timeout=LOOK_S if self._session.under_way else FIRST_HELLO_S)
+                instruction = self._to_worker.get(timeout=LOOK_S if self._session.under_way else pause)
             except queue.Empty:
                 self._take_receipts()
                 now = time.monotonic()
-                if now - idle_at >= FIRST_HELLO_S:
+                if now - idle_at >= pause:
                     idle_at, self._messages = now, None
                     if self._is_matched():
                         self._handle(WorkerIdle())

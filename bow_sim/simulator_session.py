@@ -136,6 +136,11 @@ class SimulatorSession:
         """Chunks that are published and not both receipted and judged."""
         return len(self._window)
 
+    @property
+    def waits(self) -> bool:
+        """Whether the run in progress waits for the readers of the streams to report that they hear them."""
+        return self.run != NO_RUN and self.state == NodeState.STARTING
+
     # ---- changing
 
     def handle(self, event: Event, now: float) -> list[Instruction]:

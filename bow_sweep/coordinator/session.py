@@ -259,6 +259,8 @@ class CoordinatorSession:
             run_id = self.run.run_id if self.run else ""
             hears_us = neighbour is not None and "blocks" in neighbour.hears
             self._pool.on_health(message, run_id, hears_us, self._now)
+            if not hears_us and self._now - self._last_hello >= FIRST_HELLO_S:
+                self._say_hello()
         elif message.role in CONSUMERS and neighbour is not None and self._stations.update(neighbour, self._now):
             self._log("warning", f"{message.role} restarted: unfinished blocks are due again")
             self._apply(ledger_events.ConsumerRestarted(message.role, self._stations.of(message.node)))
@@ -325,7 +327,7 @@ class CoordinatorSession:
             return
         if self._now - active.plan_at >= ANNOUNCE_S and self._stations.is_plan_needed(run.run_id, self._now):
             self._publish_plan(active)
-        self._say_hello(run)
+        self._say_hello()
         self._begin_work()
         self._apply(ledger_events.Tick())
         if not active.is_closing and active.is_progress_due(self._now):
@@ -361,8 +363,11 @@ class CoordinatorSession:
         elif self._state == NodeState.STARTING:
             self._set_state(NodeState.BUSY)
 
-    def _say_hello(self, run: Run) -> None:
+    def _say_hello(self) -> None:
         """Send simulators a Block without cells, so that they can report that blocks arrive; at first more often."""
+        if self._active is None or self._active.is_closing:
+            return
+        run = self._active.run
         simulators = self._neighbours.of_role("simulator", self._now)
         unheard = any("blocks" not in simulator.hears for simulator in simulators)
         if simulators and self._now - self._last_hello >= (FIRST_HELLO_S if unheard else HELLO_S):

@@ -14,7 +14,7 @@ import recording
 from coordinator_world import Node, World, receipt, verdicts
 
 from bow_sim.protocol import cdr
-from bow_sim.protocol.neighbours import CONSUMERS
+from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S
 from bow_sim.protocol.states import NodeState, ReceiptKind
 from bow_sweep.coordinator import active_run
 from bow_sweep.coordinator.node import CoordinatorNode
@@ -122,5 +122,26 @@ def test_maps_of_many_cells_go_out_less_often(monkeypatch: pytest.MonkeyPatch) -
     assert maps(0, 1.0) == [sizes[0]]
     assert maps(1, 3.5) == []
     assert maps(2, 4.0) == [sum(sizes)], "the one that was left out is in the next"
+    world.session.close()
+    shutil.rmtree(world.directory)
+
+
+def test_a_simulator_that_does_not_hear_blocks_gets_a_hello_at_once_but_not_with_every_heartbeat() -> None:
+    world = World()
+    run = world.create(PLAIN, b"").run
+    world.do(RunGiven(run))
+    node = Node("simulator", "/bow/s", "0" * 16, 0, NodeState.STARTING, run.run_id)
+
+    def hellos(hears: str) -> int:
+        message = node.health(world.own, hears=[f"{world.own} {hears}"])
+        neighbour = world.neighbours.take(message, world.now)
+        out = world.session.handle(HealthReceived(message, neighbour), world.now)
+        return sum(isinstance(one, Publish) and one.topic == "blocks" for one in out)
+
+    assert [hellos("health"), hellos("health")] == [1, 0]
+    world.now += 1.01 * FIRST_HELLO_S
+    assert [hellos("health"), hellos("health")] == [1, 0]
+    world.now += 1.01 * FIRST_HELLO_S
+    assert hellos("blocks health") == 0
     world.session.close()
     shutil.rmtree(world.directory)
