@@ -29,8 +29,6 @@ from bow_sweep.coordinator.session_events import (
     VerdictsReceived,
 )
 from bow_sweep.run.directory import LEDGER
-from bow_sweep.run.ledger import Ledger
-from bow_sweep.run.ledger_events import Finished, SimulatorReady
 
 PLAIN = recording.small_sweep("periods=10")
 
@@ -73,23 +71,15 @@ def test_what_arrives_together_is_one_write_of_the_ledger(monkeypatch: pytest.Mo
     shutil.rmtree(world.directory)
 
 
-def test_answers_are_taken_less_often_while_blocks_queue() -> None:
+@pytest.mark.parametrize(("backlog", "takes"), [(True, 2), (False, 6)])
+def test_answers_are_taken_less_often_while_blocks_queue(backlog: bool, takes: int) -> None:
     taken: list[int] = []
-    inbox, ledger = SimpleNamespace(take=lambda most: taken.append(most) or []), Ledger(3, 1)
-    session = SimpleNamespace(run=SimpleNamespace(ledger=ledger))
+    inbox = SimpleNamespace(take=lambda most: taken.append(most) or [])
+    session = SimpleNamespace(run=SimpleNamespace(ledger=SimpleNamespace(has_backlog=backlog)))
     node = SimpleNamespace(_heartbeats=[], _takes=0, _session=session, _inboxes={"": (inbox, inbox)})
-
-    def takes() -> int:
-        taken.clear()
-        for _ in range(6):
-            assert list(CoordinatorNode._arrived(node)) == []  # type: ignore[arg-type]
-        return len(taken) // 2  # of verdicts and receipts
-
-    assert takes() == 6, "no simulator is at work"
-    ledger.handle(SimulatorReady("a"), 0.0)
-    assert takes() == 2, "two blocks are sent, one waits"
-    ledger.handle(Finished("a", 0, 1), 1.0)
-    assert takes() == 6, "the last block is sent"
+    for _ in range(6):
+        assert list(CoordinatorNode._arrived(node)) == []  # type: ignore[arg-type]
+    assert len(taken) == 2 * takes, "verdicts and receipts"
 
 
 def test_a_growing_map_goes_out_at_every_second_tick() -> None:
