@@ -82,11 +82,7 @@ TAKE_S = 0.02
 """Between two times at which heartbeats, receipts and verdicts are taken. To be woken for each of them, a thousand in a
 second, would cost more than what is done with them; and what they add to the ledger is written at once."""
 
-PATIENT_TAKES = 3
-"""While more blocks wait for the simulators at work, receipts and verdicts are taken at every third of these times:
-blocks are sent out by what heartbeats say."""
-
-MOST_TAKEN = 768
+MOST_TAKEN = 256
 """Messages of a topic that are taken at a time, at most: the others must not wait for long."""
 
 
@@ -143,7 +139,6 @@ class CoordinatorNode(BowNode):
         self._diagnosed = 0
         self._chooser = CellChooser(self, lambda: self._session.run)
         self._inboxes: dict[str, tuple[Inbox, Inbox]] = {}
-        self._takes = 0
         self._listen_to("")
         self._server = ActionServer(
             self,
@@ -246,10 +241,6 @@ class CoordinatorNode(BowNode):
             self._take_health(message)
             heard, self._heard = self._heard, []
             yield from heard
-        self._takes += 1
-        run = self._session.run
-        if self._takes % PATIENT_TAKES and run is not None and run.ledger.has_backlog:
-            return
         for station, (verdicts, receipts) in self._inboxes.items():
             yield from (VerdictsReceived(data, station) for data in verdicts.take(MOST_TAKEN))
             yield from (ReceiptReceived(data, station) for data in receipts.take(MOST_TAKEN))

@@ -151,11 +151,6 @@ class Ledger:
         """Whether no block is outstanding."""
         return not self._open
 
-    @property
-    def has_backlog(self) -> bool:
-        """Whether simulators are at work and more blocks wait for them."""
-        return bool(self._due) and any(self.in_flight.values())
-
     # ---- changing
 
     def handle(self, event: Event, now: float) -> list[Instruction]:

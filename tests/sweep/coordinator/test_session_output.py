@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S
 from bow_sim.protocol.states import NodeState, ReceiptKind
 from bow_sweep.coordinator import active_run
-from bow_sweep.coordinator.node import CoordinatorNode
 from bow_sweep.coordinator.session import TICK_S
 from bow_sweep.coordinator.session_events import (
     HealthReceived,
@@ -69,17 +67,6 @@ def test_what_arrives_together_is_one_write_of_the_ledger(monkeypatch: pytest.Mo
     assert sum(isinstance(one, Publish) and one.topic == "blocks" for one in out) == 1
     world.session.close()
     shutil.rmtree(world.directory)
-
-
-@pytest.mark.parametrize(("backlog", "takes"), [(True, 2), (False, 6)])
-def test_answers_are_taken_less_often_while_blocks_queue(backlog: bool, takes: int) -> None:
-    taken: list[int] = []
-    inbox = SimpleNamespace(take=lambda most: taken.append(most) or [])
-    session = SimpleNamespace(run=SimpleNamespace(ledger=SimpleNamespace(has_backlog=backlog)))
-    node = SimpleNamespace(_heartbeats=[], _takes=0, _session=session, _inboxes={"": (inbox, inbox)})
-    for _ in range(6):
-        assert list(CoordinatorNode._arrived(node)) == []  # type: ignore[arg-type]
-    assert len(taken) == 2 * takes, "verdicts and receipts"
 
 
 def test_a_growing_map_goes_out_at_every_second_tick() -> None:

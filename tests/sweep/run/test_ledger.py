@@ -41,15 +41,6 @@ def test_a_simulator_gets_two_blocks_and_the_next_when_one_is_finished() -> None
     assert [d.block for d in dispatches(ledger.handle(L.Finished("a", 0, 1), 0))] == [2]
 
 
-def test_blocks_queue_while_simulators_are_at_work_and_have_no_place_for_more() -> None:
-    ledger = Ledger(3, CHUNKS)
-    assert not ledger.has_backlog, "nobody is at work"
-    ledger.handle(L.SimulatorReady("a"), 0)
-    assert ledger.has_backlog
-    ledger.handle(L.Finished("a", 0, 1), 1)
-    assert not ledger.has_backlog, "the last block is sent"
-
-
 def test_work_is_shared_between_simulators() -> None:
     ledger = Ledger(8, CHUNKS)
     first = dispatches(ledger.handle(L.SimulatorReady("a"), 0))
