@@ -309,14 +309,17 @@ class SimulatorNode(BowNode):
 
     def _take_receipts(self) -> None:
         """Give the session the receipts that wait. The executor would wake its thread for each, beside the kernel."""
-        for data in self._receipts.take(MOST_RECEIPTS):
+        taken = self._receipts.take(MOST_RECEIPTS)
+        for data in taken:
             try:
                 receipt = self._receipt_reader.read(data)
             except WireError as error:
                 self._to_node.put(Ignore(str(error)))
             else:
-                self.heard("receipts", receipt["incarnation"])
+                self.neighbours.heard("receipts", receipt["incarnation"], self.awake.now())
                 self._handle(ReceiptReceived(receipt))
+        if taken and self.neighbours.changed and self.executor is not None:
+            self.executor.create_task(self.report_heard)  # heartbeats are published by the executor's thread alone
 
     def _compute(self, instruction: ComputeChunk) -> ChunkComputed | ChunkFailed:
         request = instruction.request

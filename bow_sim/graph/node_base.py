@@ -307,9 +307,9 @@ class BowNode(Node):
     def heard(self, topic: str, incarnation: str) -> None:
         """Note that a message of another node has arrived on a topic."""
         self.neighbours.heard(topic, incarnation, self.awake.now())
-        self._report_heard()
+        self.report_heard()
 
-    def _report_heard(self) -> None:
+    def report_heard(self) -> None:
         """Publish what is heard for the first time, because others wait for it; `CHECK_S` after the last heartbeat."""
         if self.neighbours.changed and self.awake.now() >= self._health_at + CHECK_S:
             self.publish_health()
@@ -353,7 +353,7 @@ class BowNode(Node):
             self._end_because_of(rival)
             return
         self.on_health(message, neighbour)
-        self._report_heard()
+        self.report_heard()
 
     def publish_heartbeats(self, qos: QoSProfile) -> list[Publisher]:
         """Return publishers of heartbeats, for all who have to hear them."""
