@@ -26,8 +26,7 @@ from bow_sim.graph.inbox import Inbox
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
 from bow_sim.graph.serialized import publish
 from bow_sim.physics.errors import ParameterError
-from bow_sim.protocol.cdr import WireError
-from bow_sim.protocol.cdr_alike import AlikeReader
+from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD, spread_over
@@ -129,7 +128,6 @@ class SimulatorNode(BowNode):
         self._lock = threading.Lock()  # of the session, and of the order of its instructions
         self._to_worker: queue.SimpleQueue[ComputeChunk | Publish | None] = queue.SimpleQueue()
         self._to_node: queue.SimpleQueue[Instruction] = queue.SimpleQueue()
-        self._receipt_reader = AlikeReader("Receipt")
         self._leaving = threading.Event()
         self._messages: ChunkMessages | None = None  # of the block being computed; the worker's
         self._chunks = 0  # published, not counting repetitions
@@ -312,8 +310,8 @@ class SimulatorNode(BowNode):
         taken = self._receipts.take(MOST_RECEIPTS)
         for data in taken:
             try:
-                receipt = self._receipt_reader.read(data)
-            except WireError as error:
+                receipt = cdr.decode("Receipt", data)
+            except cdr.WireError as error:
                 self._to_node.put(Ignore(str(error)))
             else:
                 self.neighbours.heard("receipts", receipt["incarnation"], self.awake.now())

@@ -6,7 +6,6 @@ cdr             messages as CDR bytes and back
 cdr_in_place    messages that are alike but for numbers and arrays, written where they go out
 intervals       slip intervals that can be
 cdr_readers     functions that read messages of the usual form at once
-cdr_alike       messages that are alike but for their content, unsealed faster
 identity        new identities for runs and nodes
 sweep_spec      the written form of a sweep: settings, and the axes of the map
 axis_names      which parameters can be the axis of a map

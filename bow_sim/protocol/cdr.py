@@ -301,7 +301,7 @@ def _follow(name: str, data: Buffer, whole: bool = True) -> tuple[dict[str, Any]
         except struct.error:
             start, end = at + len(ENCAPSULATION), at + len(ENCAPSULATION) + count * item
             raise WireError(f"{name}.{field}: wants bytes {start} to {end}, the message has {len(view)}") from None
-        if field == "checksum":
+        if field == "checksum" and is_sealed(name):
             covered = at + len(ENCAPSULATION)
             if not whole:
                 return values, covered

@@ -1,6 +1,6 @@
 """Functions that read messages of the usual form, each made of source text when this module is imported.
 
-The texts of a message about a chunk are identifiers of one length, so all fields up to its first array have fixed
+The texts of a message about chunks are identifiers of one length, so all fields up to its first array have fixed
 places. They are read at once, and the lengths of the texts are compared with the usual ones. What is not of this form
 is left to :func:`bow_sim.protocol.cdr.decode`, which follows a message field by field: that takes three times as long,
 and says what is wrong.
@@ -14,14 +14,16 @@ from typing import Any, cast
 
 import numpy as np
 
-from bow_sim.protocol.messages import FIELDS, FRAME, SHORT_TEXT, TIME
+from bow_sim.protocol.messages import FIELDS, FRAME, SHORT_TEXT, TIME, is_sealed
 
 IDENTIFIER = 16
 """Characters of an identifier: of a run, a sweep, an incarnation, or thresholds."""
 
 Reader = Callable[[Any], "tuple[dict[str, Any], int] | None"]
-"""Returns what `cdr.decode` returns of a message in CDR, and the first byte that its checksum covers; None where the
-message has another form, or is damaged. Some damage raises ValueError or struct.error."""
+"""Returns what `cdr.decode` returns of a message in CDR, and the first byte that its checksum covers, 0 without one.
+
+None where the message has another form, or is damaged. Some damage raises ValueError or struct.error.
+"""
 
 _START = 4
 """Bytes of the encapsulation; alignment counts from its end."""
@@ -76,7 +78,7 @@ class _Source:
 
 
 def _reader(name: str) -> Reader:
-    """Return the function that reads sealed message `name`, whose texts all come before its arrays."""
+    """Return the function that reads message `name`, whose texts all come before its arrays."""
     source, covered, ragged = _Source(), 0, False
     values: list[str] = []
     source.put("2s2x", 1, "mark", b"\0\1")
@@ -105,12 +107,12 @@ def _reader(name: str) -> Reader:
         else:
             source.put(_LETTERS[item], np.dtype(item).itemsize, variable)
         values.append(f"{field!r}: {value}")
-        if field == "checksum":
+        if field == "checksum" and is_sealed(name):
             covered = source.size
     source.lines += [" if at != len(data): return None", f" return {{{', '.join(values)}}}, {covered}"]
     exec("\n".join(source.lines), source.names)
     return cast(Reader, source.names["read"])
 
 
-READERS: dict[str, Reader] = {name: _reader(name) for name in ("BridgeForce", "StickSlip", "Verdicts")}
+READERS: dict[str, Reader] = {name: _reader(name) for name in ("BridgeForce", "StickSlip", "Verdicts", "Receipt")}
 """Message -> its reader."""

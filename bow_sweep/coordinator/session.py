@@ -19,7 +19,7 @@ from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, HELLO_S, Neigh
 from bow_sim.protocol.states import ONE_AT_A_TIME, NodeState
 from bow_sweep.coordinator import messages
 from bow_sweep.coordinator.active_run import ActiveRun
-from bow_sweep.coordinator.answers import Answer, AnswerReader
+from bow_sweep.coordinator.answers import Answer, read_receipt, read_verdicts
 from bow_sweep.coordinator.closing import DRAW_REPORT_S, DRAW_S, waits_for
 from bow_sweep.coordinator.consumers import Stations
 from bow_sweep.coordinator.results import basin_of
@@ -102,7 +102,7 @@ class CoordinatorSession:
         self._pool = Pool(self._apply, host, lambda text: self._log("warning", text), self._stations.of)
         self._active: ActiveRun | None = None
         self._state: int = NodeState.READY
-        self._answers, self._counts = AnswerReader(), Counts()
+        self._counts = Counts()
         self._last_hello = 0.0
         self._now = 0.0
         self._out: list[Instruction] = []
@@ -137,9 +137,9 @@ class CoordinatorSession:
     def _take(self, event: Event) -> None:
         match event:  # what comes most often stands first
             case VerdictsReceived(data, station):
-                self._take_answer("verdicts", self._answers.verdicts(data, station, self._active))
+                self._take_answer("verdicts", read_verdicts(data, station, self._active))
             case ReceiptReceived(data, station):
-                self._take_answer("receipts", self._answers.receipt(data, station, self._active))
+                self._take_answer("receipts", read_receipt(data, station, self._active))
             case HealthReceived(message, neighbour):
                 self._take_health(message, neighbour)
             case RunGiven():
@@ -148,9 +148,8 @@ class CoordinatorSession:
                 self._take_goal(event)
             case GoalRefused(goal, why):
                 self._refuse(goal, why)
-            case CancelRequested(goal):
-                if self._active is not None and self._active.goal == goal:
-                    self._active.cancelled = True
+            case CancelRequested(goal) if self._active is not None and self._active.goal == goal:
+                self._active.cancelled = True
             case ResultsWritten(problem=problem):
                 self._take_results(event, problem)
             case TimePassed():
@@ -234,8 +233,7 @@ class CoordinatorSession:
         if not missing:
             self._finish(active, active.results)
         elif missing == "dashboard" and waited > DRAW_REPORT_S:
-            what = f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most"
-            self._set_state(NodeState.BUSY, what)
+            self._set_state(NodeState.BUSY, f"waiting for the dashboard to draw its last picture, {DRAW_S:g} s at most")
 
     def _finish(self, active: ActiveRun, results: ResultsWritten) -> None:
         """Write the report, answer the goal and get ready for the next one."""
@@ -259,7 +257,7 @@ class CoordinatorSession:
             run_id = self.run.run_id if self.run else ""
             hears_us = neighbour is not None and "blocks" in neighbour.hears
             self._pool.on_health(message, run_id, hears_us, self._now)
-            if not hears_us and self._now - self._last_hello >= FIRST_HELLO_S:
+            if not hears_us:
                 self._say_hello()
         elif message.role in CONSUMERS and neighbour is not None and self._stations.update(neighbour, self._now):
             self._log("warning", f"{message.role} restarted: unfinished blocks are due again")
@@ -365,17 +363,17 @@ class CoordinatorSession:
 
     def _say_hello(self) -> None:
         """Send simulators a Block without cells, so that they can report that blocks arrive; at first more often."""
-        if self._active is None or self._active.is_closing:
+        active, since = self._active, self._now - self._last_hello
+        if active is None or active.is_closing or since < FIRST_HELLO_S:
             return
-        run = self._active.run
         simulators = self._neighbours.of_role("simulator", self._now)
         unheard = any("blocks" not in simulator.hears for simulator in simulators)
-        if simulators and self._now - self._last_hello >= (FIRST_HELLO_S if unheard else HELLO_S):
+        if simulators and (unheard or since >= HELLO_S):
             self._last_hello = self._now
-            self._publish("blocks", messages.block_message(run, self._incarnation))
+            self._publish("blocks", messages.block_message(active.run, self._incarnation))
             for incarnation, station in self._pool.holding():  # what it holds may be void: nobody else tells it so
-                if (epoch := run.ledger.epoch_at(station)) > run.ledger.announced:
-                    self._publish("blocks", messages.epoch_message(run, self._incarnation, incarnation, epoch))
+                if (epoch := active.run.ledger.epoch_at(station)) > active.run.ledger.announced:
+                    self._publish("blocks", messages.epoch_message(active.run, self._incarnation, incarnation, epoch))
 
     # ---- what goes out
 

@@ -343,7 +343,7 @@ def recording_window() -> Any:
 
     window = Window()
     for chunk in range(4):
-        window.sent((1, chunk), [b""], 0.0)
+        window.sent((1, chunk), {"bridge_force": b""}, 0.0)
     return window
 
 

@@ -162,7 +162,7 @@ def test_a_chunk_that_does_not_continue_the_one_before_is_refused():
     _, second = cut(slipping, speed, [0, 100, 200])
     assert first_discontinuity(second.slipping, SlipState.at_rest(1)) == 0
     assert str(discontinuity(0, False)).startswith("row 0: the string sticks at the end of the chunk before")
-    with pytest.raises(AssertionError, match="cell 0 does not continue"):
+    with pytest.raises(AssertionError, match="the slips of cell 0 do not continue"):
         second_test(second, 100, 5.0, SlipState.at_rest(1))
 
 
