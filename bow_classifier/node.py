@@ -19,6 +19,7 @@ from bow_sim.graph.node_base import LOG_AGAIN_S, STREAM, BowNode, StartupError
 from bow_sim.graph.node_process import run_node
 from bow_sim.graph.outbox import Outbox
 from bow_sim.protocol import cdr
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.neighbours import Neighbour
 
 HELP = """
@@ -57,7 +58,7 @@ and has the unfinished blocks sent again. Ctrl-C stops it.
 CHECK_S = 0.05
 """Between two checks of the readers' heartbeats."""
 
-TOPICS = {"BridgeForce": "bridge_force", "StickSlip": "stick_slip"}
+TOPICS = {message: topic for topic, message in STREAMS.items()}
 
 READERS = (("verdicts", "recorder"), ("verdicts", "coordinator"))
 """Pairs of topic and the role that has to receive it."""

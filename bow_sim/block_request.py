@@ -20,9 +20,6 @@ from bow_sim.protocol.recording import DEFAULT, record_of, recorded_chunks
 from bow_sim.protocol.repeats import Repeats
 from bow_sim.protocol.sweep_spec import Axis, split
 
-STREAMS = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip"}
-"""Topic -> message, of the two messages of a chunk."""
-
 Judge = Callable[[Mapping[str, Any], ChunkResult], cdr.Buffer]
 """Judges the chunks of one block, in their order: takes the fields that the stream messages of a chunk share with its
 Verdicts, and the chunk; returns the Verdicts as CDR bytes. ``chunk_checksum`` is among the fields."""
@@ -83,7 +80,7 @@ def fingerprint_of(settings: tuple[str, ...]) -> str:
     return fingerprint(spec.parameters(), Axis.of("x", spec.x), Axis.of("y", spec.y))
 
 
-class _Sweep(NamedTuple):
+class Sweep(NamedTuple):
     """What the settings of a sweep say of all its blocks."""
 
     parameters: Parameters
@@ -94,11 +91,12 @@ class _Sweep(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def _sweep_of(settings: tuple[str, ...]) -> _Sweep:
+def sweep_of(settings: tuple[str, ...]) -> Sweep:
+    """Return what settings say of all blocks; ParameterError or ValueError where they describe no sweep."""
     spec = split(settings)
     plane_cells = spec.number("x", "count") * spec.number("y", "count")
     axes = str(spec.x.get("name")), str(spec.y.get("name"))
-    return _Sweep(spec.parameters(), Repeats.of(spec), plane_cells, axes, record_of(spec.record))
+    return Sweep(spec.parameters(), Repeats.of(spec), plane_cells, axes, record_of(spec.record))
 
 
 def prepare(message: Mapping[str, Any]) -> BlockRequest:
@@ -112,7 +110,7 @@ def prepare(message: Mapping[str, Any]) -> BlockRequest:
     lengths = {name: len(message[name]) for name in ("cells", "x", "y")}
     if len(set(lengths.values())) != 1 or not lengths["cells"]:
         raise ValueError(f"array lengths {lengths} should be equal and above 0")
-    sweep = _sweep_of(tuple(message["spec.settings"]))
+    sweep = sweep_of(tuple(message["spec.settings"]))
     planned = sweep.repeats.cells(sweep.plane_cells)
     check_block(len(message["cells"]), sweep.parameters)
     cells = np.asarray(message["cells"], dtype=np.int64)

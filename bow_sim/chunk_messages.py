@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bow_sim.block_request import STREAMS, BlockRequest
+from bow_sim.block_request import BlockRequest, sweep_of
 from bow_sim.physics.kinds import value_text
 from bow_sim.protocol import cdr
 from bow_sim.protocol.cdr_in_place import Template
-from bow_sim.protocol.sweep_spec import split
+from bow_sim.protocol.messages import STREAMS
 
 
 class ChunkMessages:
@@ -44,8 +44,7 @@ class ChunkMessages:
     def _about(self, row: int) -> dict[str, Any]:
         """Return what an InspectedCell says of the cell in a row of the block."""
         message, parameters = self.request.message, self.request.block.parameters
-        spec = split(message["spec.settings"])
-        names = [str(getattr(spec, axis).get("name")) for axis in "xy"]
+        names = sweep_of(tuple(message["spec.settings"])).axes
         places = [f"{name} = {value_text(name, message[axis][row])}" for axis, name in zip("xy", names, strict=True)]
         cell = self._common["cells"][row]
         return {"cell": cell, "name": ", ".join(places), "sample_rate": parameters.sample_rate}

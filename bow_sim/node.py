@@ -20,7 +20,7 @@ from bow_msgs.msg import Block, BridgeForce, Health, InspectedCell, Receipt, Sti
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from bow_sim.block_request import STREAMS, BlockRequest, Judge, fingerprint_of, prepare
+from bow_sim.block_request import BlockRequest, Judge, fingerprint_of, prepare
 from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.graph.inbox import Inbox
 from bow_sim.graph.node_base import INSPECT, STREAM, STREAM_WRITER, WORK, BowNode, RCLError
@@ -30,6 +30,7 @@ from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD, spread_over
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.neighbours import CONSUMERS, FIRST_HELLO_S, Neighbour
 from bow_sim.protocol.recording import judged_at_source
 from bow_sim.protocol.sweep_outline import SweepOutline

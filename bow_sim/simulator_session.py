@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim.block_request import STREAMS, BlockRequest
+from bow_sim.block_request import BlockRequest
 from bow_sim.block_request import prepare as prepare_request
 from bow_sim.kernel.fingerprint import difference
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, Window
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.neighbours import FIRST_HELLO_S, HELLO_S, UNCONFIRMED_S
 from bow_sim.protocol.recording import judged_at_source, record_of
 from bow_sim.protocol.states import BlockState, NodeState, PlanState, ReceiptKind

@@ -24,7 +24,7 @@ import xxhash
 
 from bow_sim.protocol.cdr_readers import READERS
 from bow_sim.protocol.intervals import intervals_objection, lengths_objection
-from bow_sim.protocol.messages import ADDED, FIELDS, SHORT_TEXT, TIME, UNSTAMPED, is_sealed
+from bow_sim.protocol.messages import ADDED, FIELDS, LETTERS, SHORT_TEXT, TIME, UNSTAMPED, is_sealed
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
 
 __all__ = [
@@ -103,11 +103,10 @@ class Field(NamedTuple):
         if declared == TIME:
             return cls(name, "time", _STAMP, np.dtype("i8"), 0)
         most = int(bound.strip("<=]") or 2**32 - 1)
-        form = struct.Struct("<" + _LETTERS[item])
+        form = struct.Struct("<" + LETTERS[item])
         return cls(name, "array" if bound else "scalar", form, np.dtype(item).newbyteorder("<"), most)
 
 
-_LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
 _LENGTH = struct.Struct("<I")
 _TEXT = struct.Struct("16s")
 _STAMP = struct.Struct("<iI")

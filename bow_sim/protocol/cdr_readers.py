@@ -14,7 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from bow_sim.protocol.messages import FIELDS, FRAME, SHORT_TEXT, TIME, is_sealed
+from bow_sim.protocol.messages import FIELDS, FRAME, LETTERS, SHORT_TEXT, TIME, is_sealed
 
 IDENTIFIER = 16
 """Characters of an identifier: of a run, a sweep, an incarnation, or thresholds."""
@@ -27,8 +27,6 @@ None where the message has another form, or is damaged. Some damage raises Value
 
 _START = 4
 """Bytes of the encapsulation; alignment counts from its end."""
-
-_LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
 
 
 class _Source:
@@ -105,7 +103,7 @@ def _reader(name: str) -> Reader:
             source.array(variable, item, bound.strip("<=]"))
             ragged = np.dtype(item).itemsize < _START
         else:
-            source.put(_LETTERS[item], np.dtype(item).itemsize, variable)
+            source.put(LETTERS[item], np.dtype(item).itemsize, variable)
         values.append(f"{field!r}: {value}")
         if field == "checksum" and is_sealed(name):
             covered = source.size

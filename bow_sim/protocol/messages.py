@@ -14,6 +14,12 @@ FORMAT = 3
 are read by :mod:`bow_sweep.record.old_messages`. 3: stamps and headers; topics in a bag do not have the run's name.
 2: complete blocks have receipts."""
 
+STREAMS = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip"}
+"""Topic -> message, of the two messages of a chunk."""
+
+LETTERS = {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q", "float32": "f", "float64": "d"}
+"""Type of a number -> its letter in :mod:`struct`."""
+
 SHORT_TEXT = "uint8[16]"
 """A text as an array of bytes: ASCII, 16 characters at most."""
 

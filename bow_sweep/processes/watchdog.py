@@ -10,9 +10,9 @@ from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 from bow_sim.graph.process_stat import read_stat
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.neighbours import CONSUMERS
 from bow_sim.protocol.states import NodeState
-from bow_sweep.record.topics import STREAMS
 
 STUCK_S, AFTER_STOP_S = 12.0, 6.0
 """A process that is not ready after this time is restarted. After a stop the time is shorter: all have started before.

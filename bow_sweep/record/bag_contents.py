@@ -15,6 +15,7 @@ from mcap.records import Metadata
 
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.states import ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
@@ -24,7 +25,7 @@ from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.metadata import FileInfo, MetadataError, differences, parse
 from bow_sweep.record.notes import Range, noted_in, outside, too_new, version_in
 from bow_sweep.record.old_messages import OLD_TYPES, complete
-from bow_sweep.record.topics import STORED_ONCE, STREAMS, TOPICS, short_name
+from bow_sweep.record.topics import STORED_ONCE, TOPICS, short_name
 
 Progress = Callable[[float, float], None]
 """Called with (done, total), in bytes."""

@@ -21,6 +21,7 @@ from bow_sim.atomic_files import sync_directory
 from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol import cdr
 from bow_sim.protocol.measured import is_measured
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.states import PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sweep.record.bag import BagError, BagWriter, bag_folder
@@ -32,7 +33,7 @@ from bow_sweep.record.metadata import FileInfo
 from bow_sweep.record.notes import custom_data, how, note
 from bow_sweep.record.recover import repair
 from bow_sweep.record.schema import type_hash
-from bow_sweep.record.topics import NAMESPACE, STORED_ONCE, STREAMS, TOPICS, Topic, full_names
+from bow_sweep.record.topics import NAMESPACE, STORED_ONCE, TOPICS, Topic, full_names
 from bow_sweep.run.lock import locked, recorder_of
 
 COMMIT_BYTES = 4 << 20

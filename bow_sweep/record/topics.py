@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from bow_sim.protocol.messages import STREAMS
+
 
 class Qos(NamedTuple):
     """Quality of service, with the names that rosbag2 uses."""
@@ -55,11 +57,8 @@ TOPICS: dict[str, Topic] = {
 }
 """Name -> topic, for all topics of the graph."""
 
-STORED_ONCE = {"bridge_force": "BridgeForce", "stick_slip": "StickSlip", "verdicts": "Verdicts"}
+STORED_ONCE = STREAMS | {"verdicts": "Verdicts"}
 """Topic -> message type, as :mod:`bow_sim.protocol.cdr` names it, of messages with an identity: each is stored once."""
-
-STREAMS = ("bridge_force", "stick_slip")
-"""Topics of the two messages of a chunk. Which chunks are recorded is a setting of the sweep."""
 
 
 NAMESPACE = "/bow"

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import recording
 
-from bow_sim.block_request import STREAMS, BlockRequest, prepare
+from bow_sim.block_request import BlockRequest, prepare
 from bow_sim.chunk_messages import ChunkMessages
 from bow_sim.protocol import cdr
+from bow_sim.protocol.messages import STREAMS
 from bow_sweep.plan.sweep import Sweep
 
 STAMP = 1_700_000_000_987_654_321

@@ -12,10 +12,11 @@ import rclpy
 import recording
 from bow_msgs.msg import Health, Receipt, StickSlip
 
-from bow_sim.block_request import STREAMS, Judge
+from bow_sim.block_request import Judge
 from bow_sim.graph.node_base import STREAM, RCLError
 from bow_sim.node import MATCHED_S, TOPICS, SimulatorNode
 from bow_sim.protocol import cdr
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.neighbours import CONSUMERS
 from bow_sim.simulator_events import (
     Event,

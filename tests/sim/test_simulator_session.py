@@ -42,10 +42,11 @@ from session_messages import (
     request,
 )
 
-from bow_sim.block_request import STREAMS, BlockRequest
+from bow_sim.block_request import BlockRequest
 from bow_sim.protocol import cdr
 from bow_sim.protocol.authority import Authority
 from bow_sim.protocol.flow_control import RESEND_S
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.neighbours import UNCONFIRMED_S
 from bow_sim.protocol.recording import RECORD, recorded_chunks
 from bow_sim.protocol.states import NodeState, PlanState, ReceiptKind

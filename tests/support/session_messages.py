@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bow_sim.block_request import STREAMS, BlockRequest
+from bow_sim.block_request import BlockRequest
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.states import BlockState, PlanState
 from bow_sim.simulator_events import ComputeChunk
 

@@ -18,6 +18,7 @@ from outlines import outline
 from small_graph import SmallGraph
 
 from bow_sim.protocol import cdr
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.recording import PROVED_CELLS
 from bow_sim.protocol.states import ReceiptKind
 from bow_sweep.cell.computed import block_streams, kernel
@@ -25,7 +26,7 @@ from bow_sweep.record.again import Again, Kernel
 from bow_sweep.record.bag import BagError, messages
 from bow_sweep.record.replay import replay
 from bow_sweep.record.session import Session
-from bow_sweep.record.topics import STORED_ONCE, STREAMS
+from bow_sweep.record.topics import STORED_ONCE
 from bow_sweep.record.verify import verify
 
 PLAIN, LAST, VERDICTS = (recording.small_sweep(*more) for more in ((), ("record=last",), ("record=verdicts",)))
