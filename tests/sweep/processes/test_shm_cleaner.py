@@ -78,13 +78,18 @@ def notes(folder: Path) -> list[Path]:
     return list(folder.glob(f"{NOTE}.*"))
 
 
+def is_noted(file: Path, folder: Path) -> bool:
+    """Return whether a note names the file: a note is made first and written then."""
+    return any(f"{file}\n" in note.read_text() for note in notes(folder))
+
+
 @contextlib.contextmanager
 def watched(cleaner: ShmCleaner, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Start a process with a segment; yield it once the cleaner has noted that."""
     SEGMENT.touch()
     with holding(lock(SEGMENT)) as process:
         cleaner.watch(process.pid)
-        wait_until(lambda: bool(notes(folder)))
+        wait_until(lambda: is_noted(lock(SEGMENT), folder))
         yield process
 
 
@@ -218,7 +223,7 @@ def test_it_notices_files_that_are_made_later(tmp_path: Path) -> None:
         cleaner.watch(process.pid)
         time.sleep(0.3)  # nothing is made now, so it does not scan
         lent_by(process.pid).touch()
-        wait_until(lambda: any(str(lent_by(process.pid)) in note.read_text() for note in notes(tmp_path)))
+        wait_until(lambda: is_noted(lent_by(process.pid), tmp_path))
         process.kill()
         wait_until(lambda: not lent_by(process.pid).exists())
     cleaner.close(20)
@@ -263,7 +268,7 @@ def test_it_outlives_a_killed_supervisor_until_all_processes_have_exited(tmp_pat
     ):
         assert supervisor.stdout is not None
         assert supervisor.stdout.readline() == b"supervises\n"
-        wait_until(lambda: bool(notes(tmp_path)))
+        wait_until(lambda: is_noted(lock(SEGMENT), tmp_path))
         (note,) = notes(tmp_path)
         cleaner = int(note.suffix[1:])
         time.sleep(leave_s + 0.2)  # longer than it waits for processes without a supervisor
