@@ -25,7 +25,7 @@ def add_command(commands: Any) -> None:
         "A bag is copied aside and checked before it takes its place. One of another run is refused. A bag that is\n"
         "here stays if it is the same or longer; a shorter one is kept in RUN/bag_aside/.",
         epilog="examples:\n"
-        "  bow collect runs/fig11d lab1:/data/0123456789abcdef lab2:/data/0123456789abcdef\n"
+        "  bow collect runs/fig11d lab1:/data/d796a44ce68eb887 lab2:/data/d796a44ce68eb887\n"
         "  bow collect runs/fig11d /mnt/lab2/runs\n\n"
         "exit status: 0 all bags are here, 1 one could not be copied, 2 wrong usage",
     )
@@ -36,13 +36,15 @@ def add_command(commands: Any) -> None:
 
 
 def _collect(args: argparse.Namespace) -> int:
+    from bow_sweep.processes.interrupts import Interrupts
     from bow_sweep.record.collect import CollectError, collect
     from bow_sweep.run.lock import LockError
 
     for source in args.sources:
         shown = percentages(f"copying from {source}")
         try:
-            collect(args.directory, source, lambda line: print(line, flush=True), shown, not args.no_lock)
+            with Interrupts("removing what was half copied") as interrupts, interrupts.immediate():
+                collect(args.directory, source, lambda line: print(line, flush=True), shown, not args.no_lock)
         except (CollectError, LockError) as error:
             return fail(str(error), FAILED)
         except OSError as error:

@@ -109,7 +109,9 @@ def _identity(run: str) -> str:
     if RUN_ID.fullmatch(run) or GRAPH_ID.fullmatch(run):
         return run
     if not Path(run).is_dir():
-        raise RunError(f"--run {run}: should be the identity of a run, 16 hexadecimal digits, or a run directory")
+        raise RunError(
+            f"--run {run}: should be the identity of a run, 16 hexadecimal digits of which the first is a letter, or a run directory"
+        )
     return str(read_ledger(Path(run))[0]["run_id"])
 
 

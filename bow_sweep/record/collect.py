@@ -39,6 +39,9 @@ TOLD_S = 5
 
 _ROOM = ".collect-"
 
+_NOT_THERE = 23
+"""Exit status of rsync where a directory, or some of what is in it, cannot be read."""
+
 _REMOTE = re.compile(r"([^/:]+):(.+)")
 """HOST:DIR, as rsync takes it."""
 
@@ -186,18 +189,21 @@ def _fetch(host: str, directory: str, run_id: str, room: Path, log: Log) -> None
         raise CollectError(f"{host}:{directory}: rsync is needed to copy from another machine, and is not installed")
     said = ""
     for place in (f"{directory}/{FOLDER}/", f"{directory}/{run_id}/{FOLDER}/"):
-        failed = _rsync(f"{host}:{place}", room, log)
-        if not failed and any(bag_files(path) for path in room.iterdir()):
+        status, words = _rsync(f"{host}:{place}", room, log)
+        if not status and any(bag_files(path) for path in room.iterdir()):
             return
-        said = said or failed
+        said = said or words
+        if status not in (0, _NOT_THERE):
+            break
     if said:
         raise CollectError(f"{host}:{directory}: rsync could not copy: {said}")
 
 
-def _rsync(source: str, room: Path, log: Log) -> str:
-    """Copy bags from another machine; return the first line of what rsync says of a failure."""
+def _rsync(source: str, room: Path, log: Log) -> tuple[int, str]:
+    """Copy bags from another machine; return rsync's exit status and, of a failure, what it and ssh say."""
     chosen = ["--include=/*/", "--include=/*/*.mcap", f"--include=/*/{METADATA}", "--exclude=*"]
     command = ["rsync", "--recursive", "--times", f"--timeout={SILENT_S}", "-e", f"ssh -o ConnectTimeout={CONNECT_S}"]
+    command.append("--copy-dest=..")  # what the run has of a bag does not come over the network again
     with tempfile.TemporaryFile("w+") as errors:
         process = subprocess.Popen([*command, *chosen, "--", source, f"{room}/"], stderr=errors)
         try:
@@ -212,8 +218,13 @@ def _rsync(source: str, room: Path, log: Log) -> str:
             if process.poll() is None:
                 process.terminate()
                 process.wait()
+        if not status:
+            return 0, ""
         errors.seek(0)
-        return (errors.readline().strip() or f"exit status {status}") if status else ""
+        lines = [line.strip() for line in errors if line.strip()]
+        cause = [line for line in lines if line.startswith("rsync")][:1]  # the other lines of rsync follow from it
+        said = [line for line in lines if not line.startswith("rsync")]  # by ssh, or the shell there
+        return status, "; ".join([*said, *cause]) or f"exit status {status}"
 
 
 # ---- checking and taking the place
