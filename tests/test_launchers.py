@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import configparser
 import os
+import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +17,7 @@ from compose import compose_services
 from graph import PATIENCE_S, SMALL, verified
 from launch_stand_ins import launched, put_in_place
 
+from bow_sweep.cli import station as station_command
 from bow_sweep.cli.parser import parser
 
 RUN_ID = "a123456789abcdef"
@@ -71,12 +74,40 @@ def test_the_job_gives_the_first_node_the_sweep_and_each_other_a_station(tmp_pat
     lines = sorted(said.read_text().splitlines())
     assert lines == [
         f"collect {run} {local}/{RUN_ID}/",
-        f"station node_1 --run {run} --network n1 --out {local}",
-        f"station node_2 --run {run} --network n1 --out {local}",
+        f"station job7_node_1 --run {run} --network n1 --out {local}",
+        f"station job7_node_2 --run {run} --network n1 --out {local}",
         f"sweep fig11d --nx 8 --out {run} --network n2,n3",
     ]
     for line in lines:
         parser().parse_args(shlex.split(line))
+
+
+def test_a_job_goes_on_with_a_run_that_has_begun(tmp_path: Path) -> None:
+    """What the stations of the job before have left is collected first; those of this one have bags of their own."""
+    scripts(tmp_path / "bin", srun=SRUN, scontrol=SCONTROL, bow=BOW.replace("RUN_ID", RUN_ID))
+    said, run, local = tmp_path / "said", tmp_path / "mine", tmp_path / "mine.stations"
+    run.mkdir()
+    (run / "ledger.jsonl").write_text("{}")
+    (local / RUN_ID / "bag" / "job6_node_1").mkdir(parents=True)
+    words = ["fig11d", "--i-trust-this-network"]  # as given at first: Slurm queues a job again with the same words
+    more = {"SLURM_RESTART_COUNT": "1", "RUN": "mine"}
+    result = submit(tmp_path, "n1,n2,n3", *words, SAID=str(said), STATUS="", **more)
+    assert result.returncode == 0, result.stderr
+    first, *lines = said.read_text().splitlines()
+    assert first == lines.pop() == f"collect {run} {local}/{RUN_ID}/"
+    trust = "--i-trust-this-network"
+    assert sorted(lines) == [
+        f"station job7_again_1_node_1 --run {run} --network n1 --out {local} {trust}",
+        f"station job7_again_1_node_2 --run {run} --network n1 --out {local} {trust}",
+        f"sweep --resume {run} {trust} --network n2,n3",
+    ]
+
+
+def test_a_job_outlives_a_node_that_is_not_its_first() -> None:
+    """Slurm ends the job otherwise; tried with a node whose slurmd was killed."""
+    text = (ROOT / "examples" / "slurm.sh").read_text()
+    assert "\n#SBATCH --no-kill\n" in text
+    assert re.search(r"^srun .*--no-kill", text, re.MULTILINE)
 
 
 def test_a_job_whose_sweep_does_not_start_ends_with_its_status(tmp_path: Path) -> None:
@@ -121,7 +152,9 @@ def test_the_launch_file_starts_a_station_on_each_host(monkeypatch: pytest.Monke
 def test_the_unit_starts_a_station_that_its_file_names() -> None:
     unit = configparser.ConfigParser(strict=False, interpolation=None)
     unit.optionxform = str  # type: ignore[assignment,method-assign]
-    unit.read(ROOT / "examples" / "bow-station.service")
+    unit.read_string(text := (ROOT / "examples" / "bow-station.service").read_text())
+    (named,) = set(re.findall("[0-9a-f]{16}", text))
+    assert station_command.RUN_ID.fullmatch(named)
     line = unit["Service"]["ExecStart"]
     for name, value in {
         "NAME": "lab2",
@@ -136,6 +169,19 @@ def test_the_unit_starts_a_station_that_its_file_names() -> None:
     assert (chosen.name, chosen.joined, chosen.network) == ("lab2", RUN_ID, "10.0.0.1")
     assert chosen.out == Path("/var/lib/bow")
     assert unit["Service"]["SuccessExitStatus"] == "130", "that of a station that is interrupted"
+    assert unit["Service"]["RestartPreventExitStatus"] == "2", "with wrong arguments it would start for ever"
+
+
+def test_systemd_finds_no_fault_in_the_unit(tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("there is no systemd-analyze here (Debian: systemd)")
+    text = (ROOT / "examples" / "bow-station.service").read_text()
+    unit = tmp_path / "bow-station.service"
+    for wrong in ("", "Restarts=on-failure\n"):
+        unit.write_text(text.replace("/opt/bow/bin/bow", sys.executable).replace("[Install]", f"{wrong}[Install]"))
+        found = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False)
+        faults = [line for line in found.stderr.splitlines() if unit.name in line]
+        assert len(faults) == bool(wrong), found.stderr
 
 
 def test_the_services_of_the_compose_file_are_commands_of_ours_and_share_no_host() -> None:
@@ -158,6 +204,7 @@ def test_the_services_of_the_compose_file_are_commands_of_ours_and_share_no_host
     tried = [services["try-sweep"], services["try-station"]]
     assert len({each["hostname"] for each in tried}) == 2, "processes are known by host and number"
     assert chosen["try-sweep"].out == Path(chosen["try-station"].joined)
+    assert chosen["try-station"].network == tried[0]["hostname"], "a network that is internal drops multicast"
     assert tried[0]["healthcheck"]["test"][-1] == f"{chosen['try-sweep'].out}/ledger.jsonl"
     assert tried[1]["depends_on"] == {"try-sweep": {"condition": "service_healthy"}}
 

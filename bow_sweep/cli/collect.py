@@ -27,7 +27,7 @@ def add_command(commands: Any) -> None:
         epilog="examples:\n"
         "  bow collect runs/fig11d lab1:/data/d796a44ce68eb887 lab2:/data/d796a44ce68eb887\n"
         "  bow collect runs/fig11d /mnt/lab2/runs\n\n"
-        "exit status: 0 all bags are here, 1 one could not be copied, 2 wrong usage",
+        "exit status: 0 all bags are here, 1 one could not be copied, 2 wrong usage, 130 interrupted",
     )
     parser.add_argument("directory", metavar="RUN", type=Path, help="run directory, that of the coordinator's machine")
     parser.add_argument("sources", metavar="FROM", nargs="+", help="DIR, or HOST:DIR")
@@ -36,15 +36,13 @@ def add_command(commands: Any) -> None:
 
 
 def _collect(args: argparse.Namespace) -> int:
-    from bow_sweep.processes.interrupts import Interrupts
     from bow_sweep.record.collect import CollectError, collect
     from bow_sweep.run.lock import LockError
 
     for source in args.sources:
         shown = percentages(f"copying from {source}")
         try:
-            with Interrupts("removing what was half copied") as interrupts, interrupts.immediate():
-                collect(args.directory, source, lambda line: print(line, flush=True), shown, not args.no_lock)
+            collect(args.directory, source, lambda line: print(line, flush=True), shown, not args.no_lock)
         except (CollectError, LockError) as error:
             return fail(str(error), FAILED)
         except OSError as error:

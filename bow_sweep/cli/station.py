@@ -110,7 +110,8 @@ def _identity(run: str) -> str:
         return run
     if not Path(run).is_dir():
         raise RunError(
-            f"--run {run}: should be the identity of a run, 16 hexadecimal digits of which the first is a letter, or a run directory"
+            f"--run {run}: should be the identity of a run, 16 hexadecimal digits of which the first is a letter, "
+            "or a run directory"
         )
     return str(read_ledger(Path(run))[0]["run_id"])
 

@@ -6,10 +6,12 @@ kept in ``bag_aside/``.
 
 from __future__ import annotations
 
+import ctypes
 import filecmp
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -41,6 +43,9 @@ _ROOM = ".collect-"
 
 _NOT_THERE = 23
 """Exit status of rsync where a directory, or some of what is in it, cannot be read."""
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_LIBC = ctypes.CDLL(None)
 
 _REMOTE = re.compile(r"([^/:]+):(.+)")
 """HOST:DIR, as rsync takes it."""
@@ -205,7 +210,12 @@ def _rsync(source: str, room: Path, log: Log) -> tuple[int, str]:
     command = ["rsync", "--recursive", "--times", f"--timeout={SILENT_S}", "-e", f"ssh -o ConnectTimeout={CONNECT_S}"]
     command.append("--copy-dest=..")  # what the run has of a bag does not come over the network again
     with tempfile.TemporaryFile("w+") as errors:
-        process = subprocess.Popen([*command, *chosen, "--", source, f"{room}/"], stderr=errors)
+        copying = [*command, *chosen, "--", source, f"{room}/"]
+        process = subprocess.Popen(
+            copying,
+            stderr=errors,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509  # it calls the C library only
+        )
         try:
             while True:
                 try:
@@ -225,6 +235,11 @@ def _rsync(source: str, room: Path, log: Log) -> tuple[int, str]:
         cause = [line for line in lines if line.startswith("rsync")][:1]  # the other lines of rsync follow from it
         said = [line for line in lines if not line.startswith("rsync")]  # by ssh, or the shell there
         return status, "; ".join([*said, *cause]) or f"exit status {status}"
+
+
+def _end_with_parent() -> None:
+    """Have this process, a new one, receive SIGTERM when its parent ends, however that does."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 # ---- checking and taking the place

@@ -289,7 +289,8 @@ def test_the_containers_to_try_are_a_sweep_with_a_station(
     services = compose_services()
     entry = services["try-sweep"]["entrypoint"]
     assert entry[:2] == ["bow", "sweep"]
-    station = [*services["try-station"]["entrypoint"], *services["try-station"]["command"]]
+    at = {services["try-sweep"]["hostname"]: ADDRESSES[NEAR]}  # Docker resolves the name
+    station = [at.get(word, word) for each in ("entrypoint", "command") for word in services["try-station"][each]]
     is_healthy = services["try-sweep"]["healthcheck"]["test"][1:]
     run = tmp_path / "runs" / "try"
     with sweeping(run, *LONG, *entry[2:], outer=two.command(NEAR)) as sweep:

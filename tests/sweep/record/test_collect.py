@@ -2,7 +2,12 @@
 
 import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
 
+import psutil
 import pytest
 import recording
 from split_runs import split
@@ -20,6 +25,22 @@ for word; do before=$last; last=$word; done
 case "$before" in *broken*) echo "rsync: connection unexpectedly closed" >&2; exit 12;; esac
 cp -r "${before#*:}." "$last" 2>/dev/null || { echo "rsync: change_dir failed: No such file" >&2; exit 23; }
 """
+
+SSH = """#!/bin/bash
+# Stands in for ssh: runs the command here, and keeps what it sends.
+while [[ $1 == -* ]]; do if [[ $1 == -o ]]; then shift; fi; shift; done
+if [[ $1 == refuses ]]; then echo "Permission denied (publickey)." >&2; exit 255; fi
+shift
+bash -c "$*" | tee "$SENT"
+"""
+
+
+def put_on_path(monkeypatch, folder, name, text):
+    """Write an executable file that is found before others of its name."""
+    folder.mkdir()
+    (folder / name).write_text(text)
+    (folder / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
 
 
 @pytest.fixture
@@ -122,11 +143,7 @@ def test_what_a_killed_process_has_left_is_removed(parts):
 
 def test_another_machine_is_asked_by_rsync(parts, tmp_path, monkeypatch, capsys):
     run, there = parts
-    (tmp_path / "bin").mkdir()
-    tool = tmp_path / "bin" / "rsync"
-    tool.write_text(RSYNC)
-    tool.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{tool.parent}{os.pathsep}{os.environ['PATH']}")
+    put_on_path(monkeypatch, tmp_path / "bin", "rsync", RSYNC)
     monkeypatch.setenv("SEEN", str(tmp_path / "seen"))
     out = shutil.copytree(there, tmp_path / "out" / recording.RUN).parent
     assert main(["collect", str(run), f"lab2:{out}"]) == 0  # rsync finds nothing at the first place
@@ -138,6 +155,58 @@ def test_another_machine_is_asked_by_rsync(parts, tmp_path, monkeypatch, capsys)
     assert main(["collect", str(run), "lab3:/broken"]) == 1
     assert "lab3:/broken: rsync could not copy: rsync: connection unexpectedly closed" in capsys.readouterr().err
     assert whole(run)
+
+
+def test_rsync_itself_brings_what_is_not_here(parts, tmp_path, monkeypatch, capsys):
+    """A bag that has grown replaces its beginning, of which nothing is sent again."""
+    if shutil.which("rsync") is None:
+        pytest.skip("there is no rsync here")
+    run, there = parts
+    put_on_path(monkeypatch, tmp_path / "bin", "ssh", SSH)
+    sent = tmp_path / "sent"
+    monkeypatch.setenv("SENT", str(sent))
+    (path,) = bag_files(there / "bag" / "b")
+    whole_bag = path.read_bytes()
+    path.write_bytes(whole_bag[: len(whole_bag) // 2])
+    assert main(["collect", str(run), f"lab2:{there}"]) == 0
+    assert sent.stat().st_size > len(whole_bag) / 4
+    path.write_bytes(whole_bag)
+    assert main(["collect", str(run), f"lab2:{there}"]) == 0
+    assert sent.stat().st_size < len(whole_bag) * 3 / 4
+    assert whole(run)
+    assert main(["collect", str(run), f"lab2:{there}"]) == 0
+    assert sent.stat().st_size < 5000
+    capsys.readouterr()
+    for source, why in {
+        f"lab2:{tmp_path}/nowhere": f'change_dir "{tmp_path}/nowhere/bag" failed: No such file or directory (2)\n',
+        f"refuses:{there}": "could not copy: Permission denied (publickey).; rsync: ",
+    }.items():
+        assert main(["collect", str(run), source]) == 1
+        assert why in capsys.readouterr().err
+    assert whole(run)
+    assert not leftovers(run)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_rsync_ends_with_the_command(parts, tmp_path, monkeypatch, number):
+    """It would go on copying for nobody."""
+    run, there = parts
+    put_on_path(monkeypatch, tmp_path / "bin", "rsync", '#!/bin/sh\necho $$ > "$SEEN"\nexec sleep 600\n')
+    seen = tmp_path / "seen"
+    monkeypatch.setenv("SEEN", str(seen))
+    command = [sys.executable, "-m", "bow_sweep", "collect", str(run), f"lab2:{there}"]
+    with subprocess.Popen(command) as process:
+        while not (seen.exists() and seen.read_text()):
+            assert process.poll() is None
+            time.sleep(0.01)
+        copying = psutil.Process(int(seen.read_text()))
+        process.send_signal(number)
+    deadline = time.monotonic() + 60
+    while copying.is_running() and copying.status() != psutil.STATUS_ZOMBIE:  # its new parent may not look at once
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    collect(run, str(there))
+    assert not leftovers(run)
 
 
 def test_what_is_still_missed_is_said(parts, tmp_path, complete, capsys):
