@@ -2,8 +2,8 @@
 # A sweep on several nodes of a Slurm cluster:  sbatch --nodes=4 slurm.sh fig11d --nx 512 --ny 256
 # What follows the file's name goes to `bow sweep`. The first node has the coordinator and a station, each other node a
 # station of its own. Directory and program can be given:  RUN=/scratch/me/run BOW=/opt/bow/bin/bow sbatch ...
-# A run that has begun goes on, with its own settings: after the job's time limit by  RUN=run-JOB sbatch --nodes=4
-# slurm.sh  and by itself where Slurm queues the job again, as it does when the first node fails.
+# A run that has begun goes on, with its own settings: by itself where Slurm queues the job again; after the time limit
+# by  RUN=run-JOB sbatch --nodes=4 slurm.sh
 #SBATCH --job-name=bow
 #SBATCH --ntasks-per-node=1
 #SBATCH --exclusive
