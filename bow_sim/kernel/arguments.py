@@ -173,28 +173,35 @@ class State(NamedTuple):
     ----------
     slipping : ndarray of uint8, shape (groups,)
         After the latest step, one bit a lane.
-    work : ndarray, shape (49, 8)
-        Workspace of eight steps: what arrives from each of the four sides, and the sums of the slip speed before each
-        step and after them.
+    work : ndarray, shape (41 + samples, 8)
+        Workspace of a group: what arrives from each of the four sides in eight steps, and the sums of the slip speed
+        before each step of the chunk and after them.
+    states, bits : ndarray, shape (words, 8)
+        Workspace of a group: the states of each lane in as many steps as a lane has bits, the first step lowest; as
+        lanes, and the same memory as unsigned integers.
+    edges : ndarray of uint32, shape (samples + 1,)
+        Workspace of a lane: steps of the chunk in which a slip begins or ends.
     """
 
     slipping: Any
     work: Any
+    states: Any
+    bits: Any
+    edges: Any
 
 
 class Intervals(NamedTuple):
-    """The slip intervals of a chunk, each lane's in an own row; `most` is as many as a chunk can have.
+    """The slip intervals of a chunk, those of all lanes one after the other; see `bow_sim.kernel.block.ChunkResult`.
 
     Parameters
     ----------
-    count : ndarray of int64, shape (lanes,)
-    onset, duration : ndarray of uint32, shape (lanes, most)
-        Samples.
-    slip : ndarray of float64, shape (lanes, most)
-        Sum of the slip speed, samples times bow speed.
+    offsets : ndarray of uint32, shape (lanes + 1,)
+        Where those of each lane begin; the first is 0.
+    onset, duration : ndarray of uint32, shape (most,)
+    slip : ndarray of float64, shape (most,)
     """
 
-    count: Any
+    offsets: Any
     onset: Any
     duration: Any
     slip: Any

@@ -115,7 +115,7 @@ class Block:
         )
         make = self._general_side if self._general else self._standard_side
         self.admittance = y = described.bow_admittance()
-        self._work = aligned((rings.TOTALS + rings.STRIDE + 1, LANES), self._dtype)
+        self._work = aligned((rings.TOTALS + samples + 1, LANES), self._dtype)
         body = self._make_body(described)
         at_bow = {
             "law": self._lanes_of(self._make_law(described)),
@@ -143,19 +143,22 @@ class Block:
         waveforms = len(self.trace_names)
         self._ahead: Ahead | None = None
         self._entry: Any = None
-        self._collect: Any = None
         if self._few:
             levels, size = self._levels._asdict(), (described.count, samples, parameters.chunks)
             self._ahead = Ahead(_advance_few, self._string, levels, self._shapes_ahead, *size, waveforms, trace)
             self.traces: NDArray[Any] | None = self._ahead.traces
             return
-        self._state = State(slipping=np.zeros(self._groups, np.uint8), work=self._work)
-        most = samples // 2 + 1  # if every slip and every stick is one sample long
+        states = aligned(((samples + rings.STRIDE) // (self._dtype.itemsize * 8) + 1, LANES), self._dtype)
+        self._state = State(
+            slipping=np.zeros(self._groups, np.uint8),
+            work=self._work,
+            states=states,
+            bits=states.view(f"u{self._dtype.itemsize}"),
+            edges=np.empty(samples + 1, np.uint32),
+        )
+        most = width * (samples // 2 + 1)  # if every slip and every stick is one sample long
         self._intervals = Intervals(
-            np.zeros(width, np.int64),
-            np.empty((width, most), np.uint32),
-            np.empty((width, most), np.uint32),
-            np.empty((width, most), np.float64),
+            np.zeros(width + 1, np.uint32), np.empty(most, np.uint32), np.empty(most, np.uint32), np.empty(most)
         )
         self.traces = aligned((waveforms, samples, width), self._dtype) if trace else None
 
@@ -189,15 +192,11 @@ class Block:
         if self._entry is None:
             self._entry = entry(self._kernel, arguments)
         self._entry(*arguments)
-        offsets = np.zeros(cells + 1, np.uint32)
-        np.add.accumulate(self._intervals.count[:cells], out=offsets[1:])
+        offsets, *values = self._intervals
         size = int(offsets[cells])
-        onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.float64)
-        collected = self._intervals, offsets, onset, duration, slip
-        if self._collect is None:
-            self._collect = entry(time_loop.collect, collected)
-        self._collect(*collected)
-        return ChunkResult(force if cells == lanes else force[:cells], slipping, offsets, onset, duration, slip)
+        onset, duration, slip = (x[:size].copy() for x in values)
+        bridge_force = force if cells == lanes else force[:cells]
+        return ChunkResult(bridge_force, slipping, offsets[: cells + 1].copy(), onset, duration, slip)
 
     def contents(self) -> tuple[Any, ...]:
         """Return all that the time loop gets and leaves to the next chunk, and the first gesture; to be compared alone.

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import types
 from numba.core.registry import cpu_target
 
@@ -24,8 +23,9 @@ from bow_sim.kernel.rings import STRIDE, TOTALS, row_of, shape_at
 from bow_sim.physics.friction import solve
 from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
 from bow_sim.simd.lane_types import has_avx512
-from bow_sim.simd.lanes import LANES, bits_of, choose, load, signs_of, store
+from bow_sim.simd.lanes import LANES, choose, load, signs_of, store
 from bow_sim.simd.rows import fir_of, nothing_summed, push
+from bow_sim.simd.signs import followed
 
 _FAR = ("bridge", "nut", "torsion_nut")
 _fir = fir_of(STRIDE)
@@ -186,11 +186,11 @@ def _meet(
 
 
 @part(**INLINE)
-def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, u: Any, met: Any, carried: Any) -> Any:
-    """Write the waves that leave the bow in step u; return the sums of slip speed and torsion, and the states."""
+def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, t0: Any, u: Any, met: Any, carried: Any) -> Any:
+    """Write the waves that leave the bow in step u; return the sums of slip speed and torsion, and the states until now."""
     c_t, c_r = shares
     d, s, slips, in_b, in_n, in_rb, in_rn = met
-    total, sums, states = carried
+    total, sums, past = carried
     near = string.torsion_bridge
     i = u * LANES
     force = d - s  # Y f
@@ -203,9 +203,8 @@ def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, u: Any, m
     sums = push(near.taps, sums[1], out_rb)
     store(near.arrived, near.ahead[group] * LANES + i, sums[0])
     total = choose(slips, total + s, 0.0)
-    store(work, (TOTALS + 1) * LANES + i, total)
-    states |= np.uint64(bits_of(slips)) << np.uint64(i)
-    return total, sums, states
+    store(work, (TOTALS + 1 + t0) * LANES + i, total)
+    return total, sums, followed(past, slips)
 
 
 def eight_steps(
@@ -225,12 +224,13 @@ def eight_steps(
     t0 : int
         The first step, from the beginning of the chunk.
     carried : tuple
-        Where the string slips (signs), the sum of the slip speed (lanes), the sums of `sums_before`.
+        Where the string slips (signs), the sum of the slip speed (lanes), the sums of `sums_before`, and the states
+        until now (lanes; see :func:`bow_sim.simd.signs.followed`).
 
     Returns
     -------
-    carried, states
-        `carried` for the next steps, and the states, eight bits a step.
+    tuple
+        `carried` for the next steps.
     """
     raise NotImplementedError
 
@@ -240,32 +240,32 @@ def _overload_eight_steps(
     string: Any, gesture: Any, work: Any, group: Any, constants: Any, rows: Any, at: Any, t0: Any, carried: Any
 ) -> Any:
     if isinstance(carried.types[2], types.NoneType):
-        return lambda string, gesture, work, group, constants, rows, at, t0, carried: (carried, np.uint64(0))
+        return lambda string, gesture, work, group, constants, rows, at, t0, carried: carried
 
     def eight(
         string: Any, gesture: Any, work: Any, group: Any, constants: Any, rows: Any, at: Any, t0: Any, carried: Any
     ) -> Any:
         bridge, nut, near, torsion_nut = string.bridge, string.nut, string.torsion_bridge, string.torsion_nut
         shares, levels = constants
-        slips, total, sums = carried
+        slips, total, sums, past = carried
         windows = _window(bridge, group, at[0]), _window(nut, group, at[1]), _window(torsion_nut, group, at[3])
         tails = (
             _tail_before(bridge, bridge.tail, group, at[0]),
             _tail_before(nut, nut.tail, group, at[1]),
             _tail_before(torsion_nut, torsion_nut.tail, group, at[3]),
         )
-        left = total, sums, np.uint64(0)
+        left = total, sums, past
         met, tails = _meet(string, gesture, group, levels, windows, t0, 0, slips, sums[0], tails)
         for u in range(1, STRIDE):
             later, tails = _meet(string, gesture, group, levels, windows, t0, u, met[2], left[1][0], tails)
-            left = _leave(string, work, group, shares, rows, u - 1, met, left)
+            left = _leave(string, work, group, shares, rows, t0, u - 1, met, left)
             met = later
-        total, sums, states = _leave(string, work, group, shares, rows, STRIDE - 1, met, left)
+        total, sums, past = _leave(string, work, group, shares, rows, t0, STRIDE - 1, met, left)
         _keep_tail(bridge.tail, group, tails[0])
         _keep_tail(nut.tail, group, tails[1])
         _keep_tail(torsion_nut.tail, group, tails[2])
         for i in range(0, (STRIDE - 1) * LANES, LANES):  # what arrives in the next steps
             store(near.arrived, i, load(near.arrived, STRIDE * LANES + i))
-        return (met[2], total, sums), states
+        return met[2], total, sums, past
 
     return eight
