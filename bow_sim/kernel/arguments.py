@@ -113,6 +113,8 @@ class Side(NamedTuple):
         Rows, multiples of eight: eight steps that begin at such a number are not divided.
     arrived : ndarray, shape (8, 8), or (16, 8) for the torsional bridge
         Incoming wave in the current eight steps, and in those after them: rows of the workspace in `State`.
+    table : None, or ndarray, shape (taps,)
+        Taps that are common to all cells, as an array.
     """
 
     taps: Any
@@ -124,6 +126,7 @@ class Side(NamedTuple):
     length: Any
     lead: Any
     arrived: Any
+    table: Any
 
 
 class Gesture(NamedTuple):

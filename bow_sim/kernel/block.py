@@ -323,12 +323,14 @@ class Block:
             gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
             used = np.full(self._groups, True)
             tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, used)
+        taps = np.array(r.taps[::-1], self._dtype)
         return Side(
-            taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
+            taps=tuple(taps),
             last=np.full(self._groups, r.first + len(r.taps) - 1),
             ahead=np.full(self._groups, r.soonest),
             tail=tail,
             body=None,
+            table=taps,
             **self._ring(r.last, len(r.taps)),
         )
 
@@ -346,6 +348,7 @@ class Block:
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
             tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, used),
             body=None,
+            table=None,
             **self._ring(
                 int(max(last.max(), tail_last.max())),
                 max(taps.shape[1], tails.shape[1]),

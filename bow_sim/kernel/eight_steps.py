@@ -3,8 +3,10 @@
 With 32 registers of eight lanes, the order of the operations limits the speed: those that wait for a square root keep
 later ones out of the processor's queues. So here
 
-- each sample of the torsional wave towards the bridge is added at once to all sums that it is part of, which stay in
-  registers (`push`); the general loop reads ten rows of the ring for each step, as soon as they have left the bow;
+- each sample of the torsional wave towards the bridge is added to all sums that it is part of, which stay in registers
+  while the coefficients are read from memory (`push`); the general loop reads ten rows of the ring for each step;
+- it is added at once only to the sum that it completes (`completed`), and to the others a step later, when it is known:
+  operations that wait for it would keep others waiting;
 - a step's root is begun before the step before is ended;
 - where torsion comes back from the bridge after two samples, as in the paper, it is taken from a register: to read what
   has just been written takes 11 cycles.
@@ -24,7 +26,7 @@ from bow_sim.physics.friction import solve
 from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
 from bow_sim.simd.lane_types import has_avx512
 from bow_sim.simd.lanes import LANES, choose, load, signs_of, store
-from bow_sim.simd.rows import fir_of, nothing_summed, push
+from bow_sim.simd.rows import completed, fir_of, nothing_summed, push
 from bow_sim.simd.signs import followed
 
 _FAR = ("bridge", "nut", "torsion_nut")
@@ -71,28 +73,29 @@ def _overload_are_possible(string: Any, traces: Any, group: Any) -> Any:
     return far_enough
 
 
-def sums_before(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
+def sums_before(string: Any, traces: Any, group: Any, at: Any, zero: Any) -> Any:
     """Return the sums of what leaves, as torsion, towards the bridge before the step at a position of its ring.
 
-    As `push` returns them: the latest one that is complete, and the others. What is complete is also written
-    where it arrives. None where `eight_steps` are not possible.
+    The latest one that is complete; the others as `push` returns them, without the latest sample; and this sample. What
+    is complete is also written where it arrives. None where `eight_steps` are not possible.
     """
     raise NotImplementedError
 
 
 @overload(sums_before, strict=False, jit_options=OVERLOAD)
-def _overload_sums_before(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
+def _overload_sums_before(string: Any, traces: Any, group: Any, at: Any, zero: Any) -> Any:
     if not _are_possible(string, traces):
-        return lambda string, traces, group, at, like: None
+        return lambda string, traces, group, at, zero: None
 
-    def summed(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
+    def summed(string: Any, traces: Any, group: Any, at: Any, zero: Any) -> Any:
         side = string.torsion_bridge
         ahead = side.ahead[group]
         samples = len(side.taps) - 1 + ahead
         first = row_of(side, group, at - samples)
-        sums = like, nothing_summed(side.taps, like)
+        sums = zero, nothing_summed(side.taps, zero), zero
         for k in range(samples):
-            sums = push(side.taps, sums[1], load(side.ring, (first + k) * LANES))
+            others, latest = push(side.table, sums[1], sums[2]), load(side.ring, (first + k) * LANES)
+            sums = completed(side.table, others, latest), others, latest
             store(side.arrived, max(0, k + ahead - samples) * LANES, sums[0])  # the first ones arrived before
         return sums
 
@@ -187,7 +190,7 @@ def _meet(
 
 @part(**INLINE)
 def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, t0: Any, u: Any, met: Any, carried: Any) -> Any:
-    """Write the waves that leave the bow in step u; return the sums of slip speed and torsion, and the states until now."""
+    """Write the waves that leave the bow in step u; return sums of slip speed and of torsion, and the past states."""
     c_t, c_r = shares
     d, s, slips, in_b, in_n, in_rb, in_rn = met
     total, sums, past = carried
@@ -200,7 +203,8 @@ def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, t0: Any, 
     store(string.nut.ring, rows[1] + i, in_b + push_t)
     store(near.ring, rows[2] + i, out_rb)
     store(string.torsion_nut.ring, rows[3] + i, in_rb + push_r)
-    sums = push(near.taps, sums[1], out_rb)
+    others = push(near.table, sums[1], sums[2])
+    sums = completed(near.table, others, out_rb), others, out_rb
     store(near.arrived, near.ahead[group] * LANES + i, sums[0])
     total = choose(slips, total + s, 0.0)
     store(work, (TOTALS + 1 + t0) * LANES + i, total)

@@ -276,7 +276,7 @@ def build(version: int) -> Any:
                 totals = (TOTALS + 1 + t0) * LANES
                 if whole and end - begin == STRIDE:
                     if t0 < STRIDE:  # the first whole eight
-                        sums = sums_before(string, traces, group, at_rb, total)
+                        sums = sums_before(string, traces, group, at_rb, zero)
                     rows, at = (row_b, row_n, row_rb, row_rn), (at_b, at_n, at_rb, at_rn)
                     carried = slips, total, sums, past
                     carried = eight_steps(string, gesture, work, group, constants, rows, at, t0, carried)
