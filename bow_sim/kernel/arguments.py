@@ -23,6 +23,8 @@ class Tail(NamedTuple):
         The lag at which the tail begins, samples; with ``taps``, the lag of the first of them.
     taps : None, or ndarray, shape (groups, taps, 8)
         Selects each lane's own lag: 1 at that lag, 0 at the others; or interpolates between lags.
+    count : ndarray, shape (groups,)
+        How many of these are needed; beyond them all are 0.
     used : ndarray of bool, shape (groups,)
         False where all lanes have a gain of 0.
     """
@@ -32,6 +34,7 @@ class Tail(NamedTuple):
     state: Any
     last: Any
     taps: Any
+    count: Any
     used: Any
 
 
@@ -99,6 +102,8 @@ class Side(NamedTuple):
     ----------
     taps : tuple of float, or ndarray, shape (groups, taps, 8)
         Coefficients, that of the greatest lag first: common to all cells, or each cell's own, then an even number.
+    count : ndarray, shape (groups,)
+        How many of each cell's own taps are needed; beyond them all are 0.
     last : ndarray, shape (groups,)
         The greatest lag of the taps, samples.
     ahead : ndarray, shape (groups,)
@@ -118,6 +123,7 @@ class Side(NamedTuple):
     """
 
     taps: Any
+    count: Any
     last: Any
     ahead: Any
     tail: Any

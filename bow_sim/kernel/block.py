@@ -322,10 +322,11 @@ class Block:
             one = np.ones(self._count)
             gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
             used = np.full(self._groups, True)
-            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, used)
+            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, None, used)
         taps = np.array(r.taps[::-1], self._dtype)
         return Side(
             taps=tuple(taps),
+            count=None,
             last=np.full(self._groups, r.first + len(r.taps) - 1),
             ahead=np.full(self._groups, r.soonest),
             tail=tail,
@@ -338,39 +339,45 @@ class Block:
         """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
-        taps, last = self._windows([(r.first, r.taps) for r in each], even=True)
-        tails, tail_last = self._windows([(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each])
+        taps, count, last = self._windows([(r.first, r.taps) for r in each], even=True)
+        tails, tail_count, tail_last = self._windows(
+            [(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each]
+        )
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
         used = gain.reshape(-1, LANES).any(axis=1)
         return Side(
             taps=taps,
+            count=count,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
-            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, used),
+            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, tail_count, used),
             body=None,
             table=None,
             **self._ring(
                 int(max(last.max(), tail_last.max())),
                 max(taps.shape[1], tails.shape[1]),
-                # where the lags of another group differ more, some of the taps are 0, of steps to come
-                max(0, taps.shape[1] - int(last.min()), tails.shape[1] - int(tail_last.min())),
+                # where the number of taps is odd, one more is 0, of a step to come
+                max(0, *(count - last), *(tail_count - tail_last)),
             ),
         )
 
     def _windows(
         self, functions: list[tuple[int, tuple[float, ...]]], even: bool = False
-    ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8), and each group's greatest lag."""
+    ) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
+        """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8).
+
+        Also return how many of them each group needs, and each group's greatest lag.
+        """
         first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
         last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
-        size = int((last - first.min(axis=1)).max()) + 1
-        size += even and size % 2
-        table: NDArray[Any] = aligned((self._groups, size, LANES), self._dtype)
+        count = last - first.min(axis=1) + 1
+        count += count % 2 if even else 0
+        table: NDArray[Any] = aligned((self._groups, int(count.max()), LANES), self._dtype)
         for i, (lag, taps) in enumerate(functions):
             group, lane = divmod(i, LANES)
             oldest = last[group] - (lag + len(taps) - 1)
             table[group, oldest : oldest + len(taps), lane] = taps[::-1]
-        return table, last
+        return table, count, last
 
 
 def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:

@@ -44,16 +44,16 @@ _fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
 _fir_each1, _fir_each2, _fir_each8 = fir_each_of(1), fir_each_of(2), fir_each_of(8)
 
 
-def _convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+def _convolve(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
     """Compute rows u ... u + n - 1 of ``out``; the window of the first begins at flat index i of x."""
     raise NotImplementedError
 
 
 @overload(_convolve, strict=False, jit_options=OVERLOAD)
-def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
+def _overload_convolve(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
     if isinstance(taps, types.BaseTuple):
 
-        def common(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+        def common(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
             if n == STRIDE:
                 _fir8(taps, x, i, out, u * LANES, LANES)
             elif n == 2:
@@ -63,33 +63,33 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
 
         return common
 
-    def each(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
-        count = taps.shape[1]
-        base = group * count * LANES
+    def each(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+        needed = count[group]
+        base = group * taps.shape[1] * LANES
         if n == STRIDE:
-            _fir_each8(taps, base, count, x, i, out, u * LANES)
+            _fir_each8(taps, base, needed, x, i, out, u * LANES)
         elif n == 2:
-            _fir_each2(taps, base, count, x, i, out, u * LANES)
+            _fir_each2(taps, base, needed, x, i, out, u * LANES)
         else:
-            _fir_each1(taps, base, count, x, i, out, u * LANES)
+            _fir_each1(taps, base, needed, x, i, out, u * LANES)
 
     return each
 
 
-def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+def _delayed(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
     """Return the outgoing wave at the tail's first lag: of row ``row``, or of each lane's own row from there on."""
     raise NotImplementedError
 
 
 @overload(_delayed, strict=False, jit_options=OVERLOAD)
-def _overload_delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+def _overload_delayed(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
     if isinstance(taps, types.NoneType):
-        return lambda taps, group, ring, row: load(ring, row * LANES)
+        return lambda taps, count, group, ring, row: load(ring, row * LANES)
     nothing = getattr(np, str(ring.dtype))(0)
 
-    def pick(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+    def pick(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
         x = spread(nothing)
-        for k in range(taps.shape[1]):
+        for k in range(count[group]):
             x = x + load(taps, (group * taps.shape[1] + k) * LANES) * load(ring, (row + k) * LANES)
         return x
 
@@ -113,7 +113,7 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: 
         pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
         first = row_of(side, group, block + u - tail.last[group])
         for r in range(n):
-            z = pole * z + gain * _delayed(tail.taps, group, side.ring, first + r)
+            z = pole * z + gain * _delayed(tail.taps, tail.count, group, side.ring, first + r)
             store(side.arrived, (u + r) * LANES, load(side.arrived, (u + r) * LANES) + z)
         store(tail.state, group * LANES, z)
 
@@ -131,7 +131,7 @@ def _fill(side: Any, group: Any, u: Any, end: Any, block: Any) -> Any:
     n = min(ahead if whole else min(ahead, 2), end - u)
     first = 0 if whole else u
     oldest = row_of(side, group, block + first - side.last[group])
-    _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
+    _convolve(side.taps, side.count, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
     _add_tail(side, side.tail, group, block, u, n)
     reflect_at_body(side.body, side.arrived, group, u, n)
     return u + n
