@@ -17,6 +17,7 @@ from bow_sim.kernel import few_cells, rings, time_loop
 from bow_sim.kernel.ahead import Ahead, sides_of
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.sources import source_hash
+from bow_sim.kernel.windows import windows
 from bow_sim.physics import exact, friction, gesture
 from bow_sim.physics.body import resonators
 from bow_sim.physics.cells import Cells, cells
@@ -339,9 +340,9 @@ class Block:
         """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
-        taps, count, last = self._windows([(r.first, r.taps) for r in each], even=True)
-        tails, tail_count, tail_last = self._windows(
-            [(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each]
+        taps, count, last = windows([(r.first, r.taps) for r in each], self._dtype, even=True)
+        tails, tail_count, tail_last = windows(
+            [(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each], self._dtype
         )
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
         used = gain.reshape(-1, LANES).any(axis=1)
@@ -360,24 +361,6 @@ class Block:
                 max(0, *(count - last), *(tail_count - tail_last)),
             ),
         )
-
-    def _windows(
-        self, functions: list[tuple[int, tuple[float, ...]]], even: bool = False
-    ) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
-        """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8).
-
-        Also return how many of them each group needs, and each group's greatest lag.
-        """
-        first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
-        last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
-        count = last - first.min(axis=1) + 1
-        count += count % 2 if even else 0
-        table: NDArray[Any] = aligned((self._groups, int(count.max()), LANES), self._dtype)
-        for i, (lag, taps) in enumerate(functions):
-            group, lane = divmod(i, LANES)
-            oldest = last[group] - (lag + len(taps) - 1)
-            table[group, oldest : oldest + len(taps), lane] = taps[::-1]
-        return table, count, last
 
 
 def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:
