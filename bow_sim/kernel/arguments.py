@@ -23,6 +23,8 @@ class Tail(NamedTuple):
         The lag at which the tail begins, samples; with ``taps``, the lag of the first of them.
     taps : None, or ndarray, shape (groups, taps, 8)
         Selects each lane's own lag: 1 at that lag, 0 at the others; or interpolates between lags.
+    count : ndarray, shape (groups,)
+        How many of these are needed; beyond them all are 0.
     used : ndarray of bool, shape (groups,)
         False where all lanes have a gain of 0.
     """
@@ -32,6 +34,7 @@ class Tail(NamedTuple):
     state: Any
     last: Any
     taps: Any
+    count: Any
     used: Any
 
 
@@ -99,6 +102,8 @@ class Side(NamedTuple):
     ----------
     taps : tuple of float, or ndarray, shape (groups, taps, 8)
         Coefficients, that of the greatest lag first: common to all cells, or each cell's own, then an even number.
+    count : ndarray, shape (groups,)
+        How many of each cell's own taps are needed; beyond them all are 0.
     last : ndarray, shape (groups,)
         The greatest lag of the taps, samples.
     ahead : ndarray, shape (groups,)
@@ -113,9 +118,12 @@ class Side(NamedTuple):
         Rows, multiples of eight: eight steps that begin at such a number are not divided.
     arrived : ndarray, shape (8, 8), or (16, 8) for the torsional bridge
         Incoming wave in the current eight steps, and in those after them: rows of the workspace in `State`.
+    table : None, or ndarray, shape (taps,)
+        Taps that are common to all cells, as an array.
     """
 
     taps: Any
+    count: Any
     last: Any
     ahead: Any
     tail: Any
@@ -124,6 +132,7 @@ class Side(NamedTuple):
     length: Any
     lead: Any
     arrived: Any
+    table: Any
 
 
 class Gesture(NamedTuple):
@@ -173,28 +182,35 @@ class State(NamedTuple):
     ----------
     slipping : ndarray of uint8, shape (groups,)
         After the latest step, one bit a lane.
-    work : ndarray, shape (49, 8)
-        Workspace of eight steps: what arrives from each of the four sides, and the sums of the slip speed before each
-        step and after them.
+    work : ndarray, shape (41 + samples, 8)
+        Workspace of a group: what arrives from each of the four sides in eight steps, and the sums of the slip speed
+        before each step of the chunk and after them.
+    states, bits : ndarray, shape (words, 8)
+        Workspace of a group: the states of each lane in as many steps as a lane has bits, the first step lowest; as
+        lanes, and the same memory as unsigned integers.
+    edges : ndarray of uint32, shape (samples + 1,)
+        Workspace of a lane: steps of the chunk in which a slip begins or ends.
     """
 
     slipping: Any
     work: Any
+    states: Any
+    bits: Any
+    edges: Any
 
 
 class Intervals(NamedTuple):
-    """The slip intervals of a chunk, each lane's in an own row; `most` is as many as a chunk can have.
+    """The slip intervals of a chunk, those of all lanes one after the other; see `bow_sim.kernel.block.ChunkResult`.
 
     Parameters
     ----------
-    count : ndarray of int64, shape (lanes,)
-    onset, duration : ndarray of uint32, shape (lanes, most)
-        Samples.
-    slip : ndarray of float64, shape (lanes, most)
-        Sum of the slip speed, samples times bow speed.
+    offsets : ndarray of uint32, shape (lanes + 1,)
+        Where those of each lane begin; the first is 0.
+    onset, duration : ndarray of uint32, shape (most,)
+    slip : ndarray of float64, shape (most,)
     """
 
-    count: Any
+    offsets: Any
     onset: Any
     duration: Any
     slip: Any

@@ -17,6 +17,7 @@ from bow_sim.kernel import few_cells, rings, time_loop
 from bow_sim.kernel.ahead import Ahead, sides_of
 from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
 from bow_sim.kernel.sources import source_hash
+from bow_sim.kernel.windows import windows
 from bow_sim.physics import exact, friction, gesture
 from bow_sim.physics.body import resonators
 from bow_sim.physics.cells import Cells, cells
@@ -115,7 +116,7 @@ class Block:
         )
         make = self._general_side if self._general else self._standard_side
         self.admittance = y = described.bow_admittance()
-        self._work = aligned((rings.TOTALS + rings.STRIDE + 1, LANES), self._dtype)
+        self._work = aligned((rings.TOTALS + samples + 1, LANES), self._dtype)
         body = self._make_body(described)
         at_bow = {
             "law": self._lanes_of(self._make_law(described)),
@@ -143,19 +144,22 @@ class Block:
         waveforms = len(self.trace_names)
         self._ahead: Ahead | None = None
         self._entry: Any = None
-        self._collect: Any = None
         if self._few:
             levels, size = self._levels._asdict(), (described.count, samples, parameters.chunks)
             self._ahead = Ahead(_advance_few, self._string, levels, self._shapes_ahead, *size, waveforms, trace)
             self.traces: NDArray[Any] | None = self._ahead.traces
             return
-        self._state = State(slipping=np.zeros(self._groups, np.uint8), work=self._work)
-        most = samples // 2 + 1  # if every slip and every stick is one sample long
+        states = aligned(((samples + rings.STRIDE) // (self._dtype.itemsize * 8) + 1, LANES), self._dtype)
+        self._state = State(
+            slipping=np.zeros(self._groups, np.uint8),
+            work=self._work,
+            states=states,
+            bits=states.view(f"u{self._dtype.itemsize}"),
+            edges=np.empty(samples + 1, np.uint32),
+        )
+        most = width * (samples // 2 + 1)  # if every slip and every stick is one sample long
         self._intervals = Intervals(
-            np.zeros(width, np.int64),
-            np.empty((width, most), np.uint32),
-            np.empty((width, most), np.uint32),
-            np.empty((width, most), np.float64),
+            np.zeros(width + 1, np.uint32), np.empty(most, np.uint32), np.empty(most, np.uint32), np.empty(most)
         )
         self.traces = aligned((waveforms, samples, width), self._dtype) if trace else None
 
@@ -189,15 +193,11 @@ class Block:
         if self._entry is None:
             self._entry = entry(self._kernel, arguments)
         self._entry(*arguments)
-        offsets = np.zeros(cells + 1, np.uint32)
-        np.add.accumulate(self._intervals.count[:cells], out=offsets[1:])
+        offsets, *values = self._intervals
         size = int(offsets[cells])
-        onset, duration, slip = np.empty(size, np.uint32), np.empty(size, np.uint32), np.empty(size, np.float64)
-        collected = self._intervals, offsets, onset, duration, slip
-        if self._collect is None:
-            self._collect = entry(time_loop.collect, collected)
-        self._collect(*collected)
-        return ChunkResult(force if cells == lanes else force[:cells], slipping, offsets, onset, duration, slip)
+        onset, duration, slip = (x[:size].copy() for x in values)
+        bridge_force = force if cells == lanes else force[:cells]
+        return ChunkResult(bridge_force, slipping, offsets[: cells + 1].copy(), onset, duration, slip)
 
     def contents(self) -> tuple[Any, ...]:
         """Return all that the time loop gets and leaves to the next chunk, and the first gesture; to be compared alone.
@@ -323,13 +323,16 @@ class Block:
             one = np.ones(self._count)
             gain, pole, state = (self._lane(x * one) for x in (r.tail, r.pole, 0.0))
             used = np.full(self._groups, True)
-            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, used)
+            tail = Tail(gain, pole, state, np.full(self._groups, r.tail_first), None, None, used)
+        taps = np.array(r.taps[::-1], self._dtype)
         return Side(
-            taps=tuple(self._dtype.type(x) for x in reversed(r.taps)),
+            taps=tuple(taps),
+            count=None,
             last=np.full(self._groups, r.first + len(r.taps) - 1),
             ahead=np.full(self._groups, r.soonest),
             tail=tail,
             body=None,
+            table=taps,
             **self._ring(r.last, len(r.taps)),
         )
 
@@ -337,38 +340,27 @@ class Block:
         """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
-        taps, last = self._windows([(r.first, r.taps) for r in each], even=True)
-        tails, tail_last = self._windows([(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each])
+        taps, count, last = windows([(r.first, r.taps) for r in each], self._dtype, even=True)
+        tails, tail_count, tail_last = windows(
+            [(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each], self._dtype
+        )
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
         used = gain.reshape(-1, LANES).any(axis=1)
         return Side(
             taps=taps,
+            count=count,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
-            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, used),
+            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, tail_count, used),
             body=None,
+            table=None,
             **self._ring(
                 int(max(last.max(), tail_last.max())),
                 max(taps.shape[1], tails.shape[1]),
-                # where the lags of another group differ more, some of the taps are 0, of steps to come
-                max(0, taps.shape[1] - int(last.min()), tails.shape[1] - int(tail_last.min())),
+                # where the number of taps is odd, one more is 0, of a step to come
+                max(0, *(count - last), *(tail_count - tail_last)),
             ),
         )
-
-    def _windows(
-        self, functions: list[tuple[int, tuple[float, ...]]], even: bool = False
-    ) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Lay out taps at each lane's own lags, zeros elsewhere: (groups, taps, 8), and each group's greatest lag."""
-        first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
-        last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
-        size = int((last - first.min(axis=1)).max()) + 1
-        size += even and size % 2
-        table: NDArray[Any] = aligned((self._groups, size, LANES), self._dtype)
-        for i, (lag, taps) in enumerate(functions):
-            group, lane = divmod(i, LANES)
-            oldest = last[group] - (lag + len(taps) - 1)
-            table[group, oldest : oldest + len(taps), lane] = taps[::-1]
-        return table, last
 
 
 def transient(parameters: Parameters) -> dict[str, NDArray[Any]]:

@@ -3,8 +3,10 @@
 With 32 registers of eight lanes, the order of the operations limits the speed: those that wait for a square root keep
 later ones out of the processor's queues. So here
 
-- each sample of the torsional wave towards the bridge is added at once to all sums that it is part of, which stay in
-  registers (`push`); the general loop reads ten rows of the ring for each step, as soon as they have left the bow;
+- each sample of the torsional wave towards the bridge is added to all sums that it is part of, which stay in registers
+  while the coefficients are read from memory (`push`); the general loop reads ten rows of the ring for each step;
+- it is added at once only to the sum that it completes (`completed`), and to the others a step later, when it is known:
+  operations that wait for it would keep others waiting;
 - a step's root is begun before the step before is ended;
 - where torsion comes back from the bridge after two samples, as in the paper, it is taken from a register: to read what
   has just been written takes 11 cycles.
@@ -16,7 +18,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import types
 from numba.core.registry import cpu_target
 
@@ -24,8 +25,9 @@ from bow_sim.kernel.rings import STRIDE, TOTALS, row_of, shape_at
 from bow_sim.physics.friction import solve
 from bow_sim.simd.jit import INLINE, OVERLOAD, overload, part
 from bow_sim.simd.lane_types import has_avx512
-from bow_sim.simd.lanes import LANES, bits_of, choose, load, signs_of, store
-from bow_sim.simd.rows import fir_of, nothing_summed, push
+from bow_sim.simd.lanes import LANES, choose, load, signs_of, store
+from bow_sim.simd.rows import completed, fir_of, nothing_summed, push
+from bow_sim.simd.signs import followed
 
 _FAR = ("bridge", "nut", "torsion_nut")
 _fir = fir_of(STRIDE)
@@ -71,28 +73,29 @@ def _overload_are_possible(string: Any, traces: Any, group: Any) -> Any:
     return far_enough
 
 
-def sums_before(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
+def sums_before(string: Any, traces: Any, group: Any, at: Any, zero: Any) -> Any:
     """Return the sums of what leaves, as torsion, towards the bridge before the step at a position of its ring.
 
-    As `push` returns them: the latest one that is complete, and the others. What is complete is also written
-    where it arrives. None where `eight_steps` are not possible.
+    The latest one that is complete; the others as `push` returns them, without the latest sample; and this sample. What
+    is complete is also written where it arrives. None where `eight_steps` are not possible.
     """
     raise NotImplementedError
 
 
 @overload(sums_before, strict=False, jit_options=OVERLOAD)
-def _overload_sums_before(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
+def _overload_sums_before(string: Any, traces: Any, group: Any, at: Any, zero: Any) -> Any:
     if not _are_possible(string, traces):
-        return lambda string, traces, group, at, like: None
+        return lambda string, traces, group, at, zero: None
 
-    def summed(string: Any, traces: Any, group: Any, at: Any, like: Any) -> Any:
+    def summed(string: Any, traces: Any, group: Any, at: Any, zero: Any) -> Any:
         side = string.torsion_bridge
         ahead = side.ahead[group]
         samples = len(side.taps) - 1 + ahead
         first = row_of(side, group, at - samples)
-        sums = like, nothing_summed(side.taps, like)
+        sums = zero, nothing_summed(side.taps, zero), zero
         for k in range(samples):
-            sums = push(side.taps, sums[1], load(side.ring, (first + k) * LANES))
+            others, latest = push(side.table, sums[1], sums[2]), load(side.ring, (first + k) * LANES)
+            sums = completed(side.table, others, latest), others, latest
             store(side.arrived, max(0, k + ahead - samples) * LANES, sums[0])  # the first ones arrived before
         return sums
 
@@ -186,11 +189,11 @@ def _meet(
 
 
 @part(**INLINE)
-def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, u: Any, met: Any, carried: Any) -> Any:
-    """Write the waves that leave the bow in step u; return the sums of slip speed and torsion, and the states."""
+def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, t0: Any, u: Any, met: Any, carried: Any) -> Any:
+    """Write the waves that leave the bow in step u; return sums of slip speed and of torsion, and the past states."""
     c_t, c_r = shares
     d, s, slips, in_b, in_n, in_rb, in_rn = met
-    total, sums, states = carried
+    total, sums, past = carried
     near = string.torsion_bridge
     i = u * LANES
     force = d - s  # Y f
@@ -200,12 +203,12 @@ def _leave(string: Any, work: Any, group: Any, shares: Any, rows: Any, u: Any, m
     store(string.nut.ring, rows[1] + i, in_b + push_t)
     store(near.ring, rows[2] + i, out_rb)
     store(string.torsion_nut.ring, rows[3] + i, in_rb + push_r)
-    sums = push(near.taps, sums[1], out_rb)
+    others = push(near.table, sums[1], sums[2])
+    sums = completed(near.table, others, out_rb), others, out_rb
     store(near.arrived, near.ahead[group] * LANES + i, sums[0])
     total = choose(slips, total + s, 0.0)
-    store(work, (TOTALS + 1) * LANES + i, total)
-    states |= np.uint64(bits_of(slips)) << np.uint64(i)
-    return total, sums, states
+    store(work, (TOTALS + 1 + t0) * LANES + i, total)
+    return total, sums, followed(past, slips)
 
 
 def eight_steps(
@@ -225,12 +228,13 @@ def eight_steps(
     t0 : int
         The first step, from the beginning of the chunk.
     carried : tuple
-        Where the string slips (signs), the sum of the slip speed (lanes), the sums of `sums_before`.
+        Where the string slips (signs), the sum of the slip speed (lanes), the sums of `sums_before`, and the states
+        until now (lanes; see :func:`bow_sim.simd.signs.followed`).
 
     Returns
     -------
-    carried, states
-        `carried` for the next steps, and the states, eight bits a step.
+    tuple
+        `carried` for the next steps.
     """
     raise NotImplementedError
 
@@ -240,32 +244,32 @@ def _overload_eight_steps(
     string: Any, gesture: Any, work: Any, group: Any, constants: Any, rows: Any, at: Any, t0: Any, carried: Any
 ) -> Any:
     if isinstance(carried.types[2], types.NoneType):
-        return lambda string, gesture, work, group, constants, rows, at, t0, carried: (carried, np.uint64(0))
+        return lambda string, gesture, work, group, constants, rows, at, t0, carried: carried
 
     def eight(
         string: Any, gesture: Any, work: Any, group: Any, constants: Any, rows: Any, at: Any, t0: Any, carried: Any
     ) -> Any:
         bridge, nut, near, torsion_nut = string.bridge, string.nut, string.torsion_bridge, string.torsion_nut
         shares, levels = constants
-        slips, total, sums = carried
+        slips, total, sums, past = carried
         windows = _window(bridge, group, at[0]), _window(nut, group, at[1]), _window(torsion_nut, group, at[3])
         tails = (
             _tail_before(bridge, bridge.tail, group, at[0]),
             _tail_before(nut, nut.tail, group, at[1]),
             _tail_before(torsion_nut, torsion_nut.tail, group, at[3]),
         )
-        left = total, sums, np.uint64(0)
+        left = total, sums, past
         met, tails = _meet(string, gesture, group, levels, windows, t0, 0, slips, sums[0], tails)
         for u in range(1, STRIDE):
             later, tails = _meet(string, gesture, group, levels, windows, t0, u, met[2], left[1][0], tails)
-            left = _leave(string, work, group, shares, rows, u - 1, met, left)
+            left = _leave(string, work, group, shares, rows, t0, u - 1, met, left)
             met = later
-        total, sums, states = _leave(string, work, group, shares, rows, STRIDE - 1, met, left)
+        total, sums, past = _leave(string, work, group, shares, rows, t0, STRIDE - 1, met, left)
         _keep_tail(bridge.tail, group, tails[0])
         _keep_tail(nut.tail, group, tails[1])
         _keep_tail(torsion_nut.tail, group, tails[2])
         for i in range(0, (STRIDE - 1) * LANES, LANES):  # what arrives in the next steps
             store(near.arrived, i, load(near.arrived, STRIDE * LANES + i))
-        return (met[2], total, sums), states
+        return met[2], total, sums, past
 
     return eight

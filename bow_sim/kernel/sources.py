@@ -16,6 +16,7 @@ SOURCES = (
     "kernel/body",
     "kernel/hair",
     "kernel/rings",
+    "kernel/windows",
     "kernel/eight_steps",
     "kernel/time_loop",
     "kernel/few_cells",

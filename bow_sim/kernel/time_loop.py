@@ -38,21 +38,22 @@ from bow_sim.simd.lanes import (
     write,
 )
 from bow_sim.simd.rows import fir_each_of, fir_of, transpose
+from bow_sim.simd.signs import followed
 
 _fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
 _fir_each1, _fir_each2, _fir_each8 = fir_each_of(1), fir_each_of(2), fir_each_of(8)
 
 
-def _convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+def _convolve(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
     """Compute rows u ... u + n - 1 of ``out``; the window of the first begins at flat index i of x."""
     raise NotImplementedError
 
 
 @overload(_convolve, strict=False, jit_options=OVERLOAD)
-def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
+def _overload_convolve(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
     if isinstance(taps, types.BaseTuple):
 
-        def common(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+        def common(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
             if n == STRIDE:
                 _fir8(taps, x, i, out, u * LANES, LANES)
             elif n == 2:
@@ -62,33 +63,33 @@ def _overload_convolve(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, 
 
         return common
 
-    def each(taps: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
-        count = taps.shape[1]
-        base = group * count * LANES
+    def each(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
+        needed = count[group]
+        base = group * taps.shape[1] * LANES
         if n == STRIDE:
-            _fir_each8(taps, base, count, x, i, out, u * LANES)
+            _fir_each8(taps, base, needed, x, i, out, u * LANES)
         elif n == 2:
-            _fir_each2(taps, base, count, x, i, out, u * LANES)
+            _fir_each2(taps, base, needed, x, i, out, u * LANES)
         else:
-            _fir_each1(taps, base, count, x, i, out, u * LANES)
+            _fir_each1(taps, base, needed, x, i, out, u * LANES)
 
     return each
 
 
-def _delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+def _delayed(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
     """Return the outgoing wave at the tail's first lag: of row ``row``, or of each lane's own row from there on."""
     raise NotImplementedError
 
 
 @overload(_delayed, strict=False, jit_options=OVERLOAD)
-def _overload_delayed(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+def _overload_delayed(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
     if isinstance(taps, types.NoneType):
-        return lambda taps, group, ring, row: load(ring, row * LANES)
+        return lambda taps, count, group, ring, row: load(ring, row * LANES)
     nothing = getattr(np, str(ring.dtype))(0)
 
-    def pick(taps: Any, group: Any, ring: Any, row: Any) -> Any:
+    def pick(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
         x = spread(nothing)
-        for k in range(taps.shape[1]):
+        for k in range(count[group]):
             x = x + load(taps, (group * taps.shape[1] + k) * LANES) * load(ring, (row + k) * LANES)
         return x
 
@@ -112,7 +113,7 @@ def _overload_add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: 
         pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
         first = row_of(side, group, block + u - tail.last[group])
         for r in range(n):
-            z = pole * z + gain * _delayed(tail.taps, group, side.ring, first + r)
+            z = pole * z + gain * _delayed(tail.taps, tail.count, group, side.ring, first + r)
             store(side.arrived, (u + r) * LANES, load(side.arrived, (u + r) * LANES) + z)
         store(tail.state, group * LANES, z)
 
@@ -130,7 +131,7 @@ def _fill(side: Any, group: Any, u: Any, end: Any, block: Any) -> Any:
     n = min(ahead if whole else min(ahead, 2), end - u)
     first = 0 if whole else u
     oldest = row_of(side, group, block + first - side.last[group])
-    _convolve(side.taps, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
+    _convolve(side.taps, side.count, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
     _add_tail(side, side.tail, group, block, u, n)
     reflect_at_body(side.body, side.arrived, group, u, n)
     return u + n
@@ -166,37 +167,41 @@ def _overload_keep(traces: Any, i: Any, waves: Any) -> Any:
 
 
 @part(**INLINE)
-def _note(states: Any, before: Any, begin: Any, end: Any, t0: Any, base: Any, work: Any, intervals: Any) -> None:
-    """Note where slips begin and end in the steps begin ... end - 1; `states` has eight bits a step, one a lane."""
-    count, onset, duration, slip = intervals
-    edges = states ^ ((states << np.uint64(LANES)) | (before << np.uint64(LANES * begin)))
-    if end < STRIDE:
-        edges &= (np.uint64(1) << np.uint64(LANES * end)) - np.uint64(1)
-    while edges != np.uint64(0):
-        place = lowest_bit(edges)
-        edges &= edges - np.uint64(1)
-        u, lane = place // LANES, place % LANES
-        k = read(count, base + lane, np.int64(0))
-        at = (base + lane) * onset.shape[1] + k
-        if (states >> np.uint64(place)) & np.uint64(1):
-            write(onset, at, np.uint32(t0 + u))
-        else:
-            write(duration, at, np.uint32(t0 + u - read(onset, at, np.uint32(0))))
-            write(slip, at, np.float64(work[TOTALS + u, lane]))
-            write(count, base + lane, k + 1)
+def _note(early: Any, samples: Any, base: Any, state: Any, intervals: Any) -> None:
+    """Note the slip intervals of a group in a chunk; a slip that continues beyond it is ended at its border.
 
-
-@part(**INLINE)
-def _close(slipping: Any, samples: Any, base: Any, work: Any, intervals: Any) -> None:
-    """End the intervals of slips that continue beyond the chunk at its border."""
-    count, onset, duration, slip = intervals
+    In the time loop this would cost more: whether a slip begins or ends in a step is known when its root is, and after
+    a branch that was predicted wrongly the steps that follow would begin only then.
+    """
+    bits, edges, work = state.bits, state.edges, state.work
+    offsets, onset, duration, slip = intervals
+    width = bits.itemsize * 8
+    unused = np.uint64(64 - width)
+    steps = early + samples
+    last = steps // width
+    number = np.int64(offsets[base])
     for lane in range(LANES):
-        if (slipping >> lane) & 1:
-            cell = base + lane
-            k = count[cell]
-            duration[cell, k] = samples - onset[cell, k]
-            slip[cell, k] = work[TOTALS, lane]
-            count[cell] = k + 1
+        count = 0
+        before = np.uint64(0)  # as if sticking: a slip that continues is a new interval in this chunk
+        for i in range(last + 1):
+            after = np.uint64(bits[i, lane])
+            if i == last:  # the latest step is the highest bit
+                after = (after >> np.uint64(1)) >> np.uint64(width - 1 - steps % width)
+            after = after << unused
+            changed = after ^ ((after << np.uint64(1)) | (before << unused))
+            before = after >> np.uint64(63)
+            first = i * width - early - (64 - width)
+            while changed != np.uint64(0):
+                write(edges, count, np.uint32(first + lowest_bit(changed)))
+                changed &= changed - np.uint64(1)
+                count += 1
+        for k in range(0, count, 2):
+            begin, end = read(edges, k, np.uint32(0)), read(edges, k + 1, np.uint32(0))
+            write(onset, number, begin)
+            write(duration, number, np.uint32(end - begin))
+            write(slip, number, np.float64(work[TOTALS + np.int64(end), lane]))
+            number += 1
+        offsets[base + lane + 1] = number
 
 
 @part(**INLINE)
@@ -248,7 +253,7 @@ def build(version: int) -> Any:
     def advance(start: int, samples: int, string: String, gesture: Gesture, state: State, output: Output) -> int:
         align_stack()
         bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r, hair = string
-        slipping, work = state
+        slipping, work, states = state.slipping, state.work, state.states
         bridge_force, intervals, traces = output
         for group in range(slipping.shape[0]):
             base = group * LANES
@@ -257,9 +262,7 @@ def build(version: int) -> Any:
             v_0, v_1 = load(gesture.v_0, base), load(gesture.v_1, base)
             slips = signs_of(mask_of(slipping[group]), c_t)
             zero = c_t * 0.0
-            total = zero
-            before = np.uint64(0)  # as if sticking: a slip that continues is a new interval in this chunk
-            intervals.count[base : base + LANES] = 0
+            total = past = zero
             early = start % STRIDE  # eight steps begin where the number of samples is a multiple of eight
             at_b, at_n = (start - early) % bridge.length, (start - early) % nut.length
             at_rb, at_rn = (start - early) % torsion_bridge.length, (start - early) % torsion_nut.length
@@ -270,16 +273,15 @@ def build(version: int) -> Any:
                 row_b, row_n = row_of(bridge, group, at_b) * LANES, row_of(nut, group, at_n) * LANES
                 row_rb = row_of(torsion_bridge, group, at_rb) * LANES
                 row_rn = row_of(torsion_nut, group, at_rn) * LANES
-                store(work, (TOTALS + begin) * LANES, total)
+                totals = (TOTALS + 1 + t0) * LANES
                 if whole and end - begin == STRIDE:
                     if t0 < STRIDE:  # the first whole eight
-                        sums = sums_before(string, traces, group, at_rb, total)
+                        sums = sums_before(string, traces, group, at_rb, zero)
                     rows, at = (row_b, row_n, row_rb, row_rn), (at_b, at_n, at_rb, at_rn)
-                    carried = slips, total, sums
-                    carried, states = eight_steps(string, gesture, work, group, constants, rows, at, t0, carried)
-                    slips, total, sums = carried
+                    carried = slips, total, sums, past
+                    carried = eight_steps(string, gesture, work, group, constants, rows, at, t0, carried)
+                    slips, total, sums, past = carried
                 else:
-                    states = np.uint64(0)
                     due = due_b = due_n = due_rb = due_rn = begin
                     for u in range(begin, end):
                         if u == due:
@@ -310,40 +312,18 @@ def build(version: int) -> Any:
                         store(torsion_bridge.ring, row_rb + i, in_rn + push_r)
                         store(torsion_nut.ring, row_rn + i, in_rb + push_r)
                         total = choose(slips, total + s, 0.0)
-                        store(work, (TOTALS + 1) * LANES + i, total)
-                        states |= np.uint64(bits_of(slips)) << np.uint64(i)
+                        store(work, totals + i, total)
+                        past = followed(past, slips)
                         v = pull_hair(hair, base, push, v_h, v_b - s)
                         waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
                         waves = waves + of_body(bridge.body, i, push) + state_of(law, base, push)
                         _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
                 _write(bridge.ring, row_b, begin, end, bridge_force, base, t0)
-                _note(states, before, begin, end, t0, base, work, intervals)
-                before = states >> np.uint64(LANES * (end - 1))
+                store(states, (t0 + early) // (states.itemsize * 8) * LANES, past)
                 at_b, at_n = _sent(bridge, group, at_b), _sent(nut, group, at_n)
                 at_rb, at_rn = _sent(torsion_bridge, group, at_rb), _sent(torsion_nut, group, at_rn)
             slipping[group] = bits_of(slips)
-            store(work, TOTALS * LANES, total)
-            _close(slipping[group], samples, base, work, intervals)
+            _note(early, samples, base, state, intervals)
         return version
 
     return advance
-
-
-@njit(nogil=True, cache=True, _nrt=False)
-def collect(intervals: Any, offsets: Any, onset: Any, duration: Any, slip: Any) -> None:
-    """Copy the `Intervals` of all cells, one cell after another, into arrays as in `bow_sim.kernel.block.ChunkResult`.
-
-    Parameters
-    ----------
-    intervals : Intervals
-    offsets : ndarray of uint32, shape (cells + 1,)
-        Where the intervals of each cell begin.
-    onset, duration, slip : ndarray, shape (intervals,)
-        Changed in place.
-    """
-    for cell in range(offsets.shape[0] - 1):
-        start = offsets[cell]
-        for k in range(offsets[cell + 1] - start):
-            onset[start + k] = intervals.onset[cell, k]
-            duration[start + k] = intervals.duration[cell, k]
-            slip[start + k] = intervals.slip[cell, k]

@@ -112,29 +112,38 @@ def fir_each_of(rows: int) -> Any:
     return fir
 
 
+def _more(context: Any, builder: Any, signature: Any, args: Any, number: int) -> Any:
+    """Emit code for sum `number` of `push`, or for that of `completed`, -1, with one more product."""
+    table, sums, x = signature.args
+    kind = vector(x)
+    place = pointer(context, builder, table, args[0], _I64(sums.count - 1 - number), kind.element)
+    tap = broadcast(builder, element_aligned(builder.load(place), table), kind)
+    zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * LANES)
+    before = builder.extract_value(args[1], number + 1) if number + 1 < sums.count else zero
+    return builder.fadd(before, builder.fmul(tap, args[2]))
+
+
 @intrinsic
 def push(typingctx: Any, taps: Any, sums: Any, x: Any) -> Any:
-    """Add a sample to the sums of products that it is part of; return the one that is complete, and the others.
+    """Add a sample to the sums of products that it is part of, but for that which it completes.
 
-    With T taps there are T - 1 sums of the samples before x, the one that is complete next first. The results are
-    ``sums[0] + taps[T - 1] x``, and ``sums[j] + taps[T - 1 - j] x`` for j from 1 on with ``0 + taps[0] x`` as the last.
-    The sums stay in registers; each has the terms of `fir_of`, in the same order.
+    With T taps, the one of the greatest lag first, there are T - 1 sums of the samples before x; the next to be
+    complete is the first. The result are those after x: ``sums[j] + taps[T - 1 - j] x`` for j from 1 on, and ``0 +
+    taps[0] x``. The sums stay in registers, and each has the terms of `fir_of`, in the same order. The taps, an array,
+    are read at each use: as many more registers there are not.
     """
-    others = types.UniTuple(x, taps.count - 1)
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        tap_values, sums_value, sample = args
-        kind = vector(x)
-        zero = ir.Constant(kind, [ir.Constant(kind.element, 0.0)] * LANES)
-        before = [builder.extract_value(sums_value, j) for j in range(others.count)] + [zero]
-        after = []
-        for j, value in enumerate(before):
-            tap = broadcast(builder, builder.extract_value(tap_values, taps.count - 1 - j), kind)
-            after.append(builder.fadd(value, builder.fmul(tap, sample)))
-        rest = context.make_tuple(builder, others, after[1:])
-        return context.make_tuple(builder, signature.return_type, [after[0], rest])
+        values = [_more(context, builder, signature, args, j) for j in range(sums.count)]
+        return context.make_tuple(builder, sums, values)
 
-    return types.Tuple((x, others))(taps, sums, x), codegen
+    return sums(taps, sums, x), codegen
+
+
+@intrinsic
+def completed(typingctx: Any, taps: Any, sums: Any, x: Any) -> Any:
+    """Return the sum that a sample completes, ``sums[0] + taps[T - 1] x`` of those that `push` takes."""
+    return x(taps, sums, x), lambda context, builder, signature, args: _more(context, builder, signature, args, -1)
 
 
 @intrinsic

@@ -7,6 +7,7 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 
+from bow_sim.simd.jit import intrinsic
 from bow_sim.simd.lane_types import LANES, SIGNS_OF, LanesType, integers
 from bow_sim.simd.lanes import choose, define, negative
 
@@ -31,3 +32,18 @@ def _emit(context: Any, builder: Any, signature: Any, args: Any) -> Any:
 
 
 define(with_sign, [(LanesType, LanesType), (types.Float, types.Float)], _same, _emit)
+
+
+@intrinsic
+def followed(typingctx: Any, past: Any, signs: Any) -> Any:
+    """Return the past states of lanes, as bits of the lanes, followed by one more; the latest is the highest bit."""
+    if not isinstance(past, LanesType) or signs is not SIGNS_OF[past.dtype]:
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        bits, top = integers(signs), past.dtype.bitwidth - 1
+        before = builder.lshr(builder.bitcast(args[0], bits), ir.Constant(bits, [1] * LANES))
+        latest = builder.and_(args[1], ir.Constant(bits, [1 << top] * LANES))
+        return builder.bitcast(builder.or_(before, latest), args[0].type)
+
+    return past(past, signs), codegen

@@ -6,8 +6,22 @@ import numpy as np
 import pytest
 from numba import njit
 
-from bow_sim.simd.lanes import LANES, absolute, aligned, bits_of, choose, load, lowest_bit, mask_of, root, spread, store
-from bow_sim.simd.rows import fir_of, nothing_summed, push, transpose
+from bow_sim.simd.lanes import (
+    LANES,
+    absolute,
+    aligned,
+    bits_of,
+    choose,
+    load,
+    lowest_bit,
+    mask_of,
+    negative,
+    root,
+    spread,
+    store,
+)
+from bow_sim.simd.rows import completed, fir_of, nothing_summed, push, transpose
+from bow_sim.simd.signs import followed
 
 KINDS = (np.float64, np.float32)
 
@@ -96,22 +110,43 @@ def test_several_steps_of_a_convolution_are_sums_from_left_to_right(kind):
 
 
 @njit
-def convolve_by_samples(taps, x, out):
+def convolve_by_samples(taps, table, x, out):
     sums = nothing_summed(taps, load(x, 0))
     for t in range(x.shape[0]):
-        complete, sums = push(taps, sums, load(x, t * LANES))
-        store(out, t * LANES, complete)
+        sample = load(x, t * LANES)
+        store(out, t * LANES, completed(table, sums, sample))
+        sums = push(table, sums, sample)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_samples_added_one_by_one_give_the_sums_of_a_convolution_to_the_bit(kind):
     rng = np.random.default_rng(8)
     x, out = rng.normal(size=(8, LANES)).astype(kind), np.zeros((8, LANES), kind)
-    taps = tuple(kind(t) for t in rng.normal(size=5))
+    table = rng.normal(size=5).astype(kind)
     four = np.zeros((4, LANES), kind)
-    convolve_by_samples(taps, x, out)
-    convolve(taps, np.concatenate([np.zeros((1, LANES), kind), x]), four)
+    convolve_by_samples(tuple(table), table, x, out)
+    convolve(tuple(table), np.concatenate([np.zeros((1, LANES), kind), x]), four)
     assert out[4:].tolist() == four.tolist()
+
+
+@njit
+def follow(x, out):
+    past = spread(x[0]) - x[0]
+    for t in range(len(x) // LANES):
+        past = followed(past, negative(load(x, t * LANES)))
+    store(out, 0, past)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("steps", [1, 31, 32, 64, 100])
+def test_the_latest_states_of_a_lane_are_its_bits(kind, steps):
+    x = np.random.default_rng(steps).normal(size=(steps, LANES)).astype(kind)
+    out = np.zeros(LANES, kind)
+    follow(x.ravel(), out)
+    width = out.itemsize * 8
+    bits = np.unpackbits(out.view(np.uint8).reshape(LANES, -1), axis=1, bitorder="little")
+    states = np.concatenate([np.zeros((width, LANES)), x < 0])[-width:]
+    assert bits.T.tolist() == states.tolist()
 
 
 @njit
