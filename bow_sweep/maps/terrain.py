@@ -24,9 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from bow_sweep.maps.windows import Floats, Mask, gaussian_sums, within
 
 TERRAINS = ("black", "smooth", "safe_speckle", "speckle", "streaky")
 """Names of the codes. *safe_speckle* has few black cells and uneven lengths; in *speckle* coloured and black cells are
@@ -192,16 +190,13 @@ def features(transient_periods: ArrayLike, texture: Texture | None = None) -> Fe
     )
 
 
-def _blur(values: ArrayLike, sigma: float) -> Floats:
-    """Return sums in a Gaussian window; cells outside the map count 0."""
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(np.asarray(values, float), sigma, mode="constant", truncate=REACH))
+def _sums(values: ArrayLike, sigma: float) -> Floats:
+    return gaussian_sums(values, sigma, REACH)
 
 
 def _near(values: ArrayLike, known: Mask, sigma: float) -> Floats:
     """Return means over the known cells in a Gaussian window; 0 where there are none."""
-    return _blur(np.where(known, values, 0.0), sigma) / np.maximum(_blur(known, sigma), 1e-12)
+    return _sums(np.where(known, values, 0.0), sigma) / np.maximum(_sums(known, sigma), 1e-12)
 
 
 def _opened(mask: Mask, radius: float) -> Mask:
@@ -210,16 +205,9 @@ def _opened(mask: Mask, radius: float) -> Mask:
     The mask is continued beyond the map with the values at the border, so that the border of the map is not a border of
     the mask. `radius` is in cells.
     """
-    from scipy.ndimage import distance_transform_edt
-
     beyond = int(np.ceil(2 * radius))
     wide = np.pad(mask, beyond, mode="edge")
-    if wide.all():
-        return mask
-    inside = distance_transform_edt(wide) > radius
-    if not inside.any():
-        return np.zeros_like(mask)
-    covered = distance_transform_edt(~inside) <= radius
+    covered = within(~within(~wide, radius), radius)
     ny, nx = mask.shape
     return np.asarray(mask & covered[beyond : beyond + ny, beyond : beyond + nx])
 
@@ -254,4 +242,4 @@ def _unevenness(lengths: Floats, texture: Texture) -> Floats:
         whole = (before > 0) & (middle > 0) & (after > 0)
         counted[1:-1] += whole
         jumped[1:-1] += whole & (np.abs(before - 2 * middle + after) > texture.jump * CHUNK_PERIODS)
-    return _blur(uneven, texture.lengths) / np.maximum(_blur(threes, texture.lengths), 1e-12)
+    return _sums(uneven, texture.lengths) / np.maximum(_sums(threes, texture.lengths), 1e-12)

@@ -237,6 +237,8 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         # Recorder and dashboard still send messages that others must receive before they exit.
         if seen.closed:
             supervisor.release(("simulator", "classifier"))
+            if seen.states.get("dashboard") == Health.CLOSED:  # the coordinator has heard it, too
+                supervisor.release(("dashboard",))
             state = seen.states.get("coordinator")
             if state in (Health.READY, Health.CLOSED):
                 supervisor.release(("recorder", "dashboard"))
