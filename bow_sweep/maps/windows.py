@@ -32,10 +32,12 @@ def gaussian_sums(values: ArrayLike, sigma: float, reach: float) -> Floats:
     weights /= weights.sum()
     sums = np.asarray(values, float)
     for axis in (0, 1):
-        beyond = (half, half) if axis == 0 else (0, 0), (half, half) if axis else (0, 0)
-        wide = np.moveaxis(np.pad(sums, beyond), axis, 0)
+        shape = list(sums.shape)
+        shape[axis] += 2 * half
+        wide = np.zeros(shape).swapaxes(axis, 0)
+        wide[half : half + sums.shape[axis]] = sums.swapaxes(axis, 0)
         sums = sums * weights[half]
-        total = np.moveaxis(sums, axis, 0)
+        total = sums.swapaxes(axis, 0)
         pair = np.empty_like(total)
         for far in range(half, 0, -1):  # in this order: others round otherwise
             np.add(wide[half - far :][: len(total)], wide[half + far :][: len(total)], out=pair)
