@@ -64,8 +64,10 @@ def start_nodes(
         supervisor.start("dashboard")
     with interrupts.immediate():
         load_compiled(sweep)
-        load_ros("coordinator", "classifier", "simulator")
+        load_ros("coordinator")
     supervisor.start("coordinator")  # it needs the fingerprint, and would compute it itself otherwise
+    with interrupts.immediate():
+        load_ros("classifier", "simulator")
     for station in stations:
         supervisor.start("classifier", station)
     start_simulators(supervisor, simulators, stations, interrupts)
@@ -98,7 +100,7 @@ def load_ros(*roles: str) -> None:
 
 def load_compiled(sweep: Sweep) -> None:
     """Load the compiled kernel and classifier, or compile them, and compute the fingerprint of the sweep."""
-    with absent("coverage"):  # Numba would measure what it compiles with it
+    with absent("coverage", "scipy"):  # Numba would measure what it compiles, and compile linear algebra
         import numba  # noqa: F401
 
     from bow_classifier.precompile import precompile
