@@ -135,9 +135,9 @@ class ClassifierNode(BowNode):
         if task is None:
             return
         starting = self.health.state == Health.STARTING
-        self._outbox.send_hello(lambda: cdr.hello("Verdicts", self.incarnation))
         if self.is_heard(READERS, task.outline.run_id) and starting:
             self.set_state(Health.READY)
+        self._outbox.send_hello(lambda: cdr.hello("Verdicts", self.incarnation))
 
     def _on_stream(self, name: str, data: bytes) -> None:
         sender = cdr.hello_from(name, data)

@@ -286,6 +286,8 @@ class SimulatorSession:
     def _set_state(self, state: NodeState, detail: str, out: list[Instruction]) -> None:
         if (self.state, self.detail, self._stated_run) != (state, detail, self.run[0]):
             self.state, self.detail, self._stated_run = state, detail, self.run[0]
+            if state == NodeState.STARTING:  # readers may have taken up the run: they hear the next hello
+                self._last_hello = float("-inf")
             out.append(SetState(state, detail, self._stated_run))
 
     # ---- computing and publishing

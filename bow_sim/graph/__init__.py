@@ -10,7 +10,7 @@ discovery     on which machines nodes find each other: this one, unless the user
 exposure      whether a network would open the graph to the whole internet
 diagnosis     what may keep nodes from receiving each other's messages
 environment   what a process inherits from its caller: files, signals, variables
-absent        libraries that others import though nothing here needs them
+imports       of large libraries, without what nothing here needs
 process_stat  what the kernel reports of a process
 shm_files     files in /dev/shm that a killed process leaves
 shm_notes     notes on the shared memory of nodes that have no supervisor

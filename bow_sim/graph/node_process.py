@@ -22,6 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 from bow_sim.graph import discovery, environment
 from bow_sim.graph.node_base import BowNode, StartupError
+from bow_sim.graph.shm_files import files_of
 from bow_sim.graph.shm_notes import Note
 from bow_sim.protocol.neighbours import LEFT
 
@@ -56,9 +57,11 @@ def use_batch_scheduling() -> None:
 def leave() -> None:
     """Destroy the DDS entities: call it after the last node is destroyed, when nothing refers to node and executor.
 
-    A process that ends without it may exit holding a shared-memory lock and block other processes.
+    A process that ends without it may exit holding a shared-memory lock and block other processes. A collection takes
+    some hundredths of a second where libraries were loaded; most nodes have destroyed everything themselves.
     """
-    gc.collect()
+    if files_of(os.getpid()):
+        gc.collect()
 
 
 def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, description: str = "") -> int:

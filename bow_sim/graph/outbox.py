@@ -30,7 +30,7 @@ class Outbox:
         self._node, self._publisher = node, publisher
         self._waiting: deque[bytes] = deque()
         self._blocked = False
-        self._last_sent = float("-inf")
+        self._last_sent, self._said = float("-inf"), ""
         node.every(RETRY_S, self.flush)
 
     def send(self, messages: Iterable[bytes]) -> None:
@@ -40,9 +40,16 @@ class Outbox:
             self.flush()
 
     def send_hello(self, make: Callable[[], bytes]) -> None:
-        """Publish a hello if nothing was published for a while: ten times a second until the node is ready."""
-        pause = FIRST_HELLO_S if self._node.health.state == NodeState.STARTING else HELLO_S
+        """Publish a hello if nothing was published for a while.
+
+        Until the node is ready that is ten times a second, and when it waits for something else than at the last time:
+        readers that have taken up the run meanwhile hear the next one.
+        """
+        health, pause = self._node.health, HELLO_S
+        if health.state == NodeState.STARTING:
+            pause = FIRST_HELLO_S if health.detail == self._said else 0.0
         if not self._waiting and self._node.awake.now() - self._last_sent >= pause:
+            self._said = health.detail
             self.send([make()])
 
     def flush(self) -> None:

@@ -197,6 +197,11 @@ class CoordinatorNode(BowNode):
             self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
             self._preparing.start()
 
+    def destroy_node(self) -> None:
+        """Destroy the action server too, which rclpy leaves to a collection of garbage."""
+        self._server.destroy()
+        super().destroy_node()
+
     def close(self) -> None:
         """Release the run directory."""
         if self._preparing is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from bow_sim.graph.imports import absent, uncollected
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MAP, MapFile, write_map_npz
 from bow_sweep.maps.playability import playability
@@ -47,11 +49,10 @@ def playability_of(run: Run, basin: Basin) -> dict[str, Any]:
 
 
 def prepare() -> None:
-    """Import the libraries that write_results and playability_of need, which takes half a second."""
-    import scipy.ndimage  # noqa: F401
-
-    with contextlib.suppress(Exception):  # write_results reports it
-        from bow_sweep.figures import maps  # noqa: F401
+    """Import the library that draws the map, which takes a quarter of a second."""
+    with contextlib.suppress(Exception), warnings.catch_warnings(), absent("mpl_toolkits.mplot3d"), uncollected():
+        warnings.simplefilter("ignore")  # that there are no pictures in three dimensions
+        from bow_sweep.figures import maps  # noqa: F401  # where it fails, write_results reports it
 
 
 def write_results(run: Run, basin: Basin) -> str:

@@ -10,6 +10,7 @@ basin_map    the growing map: every verdict, by cell and test
 map_file     the finished map, map.npz
 slips        slips of cells, joined where chunks cut them
 in_process   a map computed in this process, without a graph
+windows      what is near a cell: sums in Gaussian windows, discs, contiguous areas
 terrain      which of the paper's five kinds of terrain surrounds each cell
 streaks      directions of the streaks of a map
 playability  measures of how easy a string is to play

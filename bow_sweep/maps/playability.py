@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.physics.parameters import CHUNK_PERIODS
 from bow_sweep.maps.terrain import TERRAINS, UNKNOWN, Texture, terrain
+from bow_sweep.maps.windows import largest_area
 
 SMALLEST = 8
 """Smallest side, in cells, of a grid that an uncertainty is computed from: narrower grids have no texture."""
@@ -164,14 +165,6 @@ def quartiles(lengths: NDArray[np.float64]) -> NDArray[np.float64]:
     _, first, counts = np.unique(ordered, return_index=True, return_counts=True)
     place = (np.arange(len(ordered)) - np.repeat(first, counts) + 0.5) / np.repeat(counts, counts)
     return np.asarray(np.percentile(ordered - CHUNK_PERIODS * (1 - place), (25, 50, 75)))
-
-
-def largest_area(came: NDArray[np.bool_]) -> int:
-    """Return the number of cells in the largest contiguous area of a mask, (ny, nx); neighbours share an edge."""
-    from scipy.ndimage import label
-
-    areas, _ = label(came)
-    return int(np.bincount(areas.ravel())[1:].max(initial=0))
 
 
 def boundary(came: NDArray[np.bool_], known: NDArray[np.bool_]) -> int:

@@ -24,9 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bow_sim.physics.parameters import CHUNK_PERIODS
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from bow_sweep.maps.windows import Floats, Mask, gaussian_sums, within
 
 TERRAINS = ("black", "smooth", "safe_speckle", "speckle", "streaky")
 """Names of the codes. *safe_speckle* has few black cells and uneven lengths; in *speckle* coloured and black cells are
@@ -159,7 +157,8 @@ def decide(found: Features, texture: Texture) -> NDArray[np.uint8]:
     coloured = np.where(found.unevenness > texture.uneven, SAFE_SPECKLE, SMOOTH)
     solid = np.where(found.mostly, coloured, BLACK)
     first = np.where(specked | (found.narrow > texture.narrow), mixed, solid)
-    votes = [_near(first == kind, found.known, texture.vote) for kind in range(len(TERRAINS))]
+    near = _Near(found.known)
+    votes = [near(first == kind, texture.vote) for kind in range(len(TERRAINS))]
     return np.where(found.known, np.argmax(votes, axis=0), UNKNOWN).astype(np.uint8)
 
 
@@ -177,31 +176,37 @@ def features(transient_periods: ArrayLike, texture: Texture | None = None) -> Fe
         raise ValueError(f"transient_periods: shape {lengths.shape}; should be (ny, nx), neither of them 0")
     known = ~np.isnan(lengths)
     coloured = known & (np.nan_to_num(lengths) > 0)
-    mostly = _near(coloured, known, texture.majority) > 0.5
+    near = _Near(known)
+    mostly = near(coloured, texture.majority) > 0.5
     thin = np.where(mostly, ~_opened(mostly, texture.solid), ~_opened(~mostly, texture.solid))
-    coherence, direction = _borders(coloured, known, texture)
+    coherence, direction = _borders(coloured, near, texture)
     return Features(
         known,
         coloured,
         mostly,
-        _near(coloured != mostly, known, texture.window),
-        _near(thin, known, texture.majority),
+        near(coloured != mostly, texture.window),
+        near(thin, texture.majority),
         coherence,
         direction,
         _unevenness(np.where(coloured, lengths, 0.0), texture),
     )
 
 
-def _blur(values: ArrayLike, sigma: float) -> Floats:
-    """Return sums in a Gaussian window; cells outside the map count 0."""
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(np.asarray(values, float), sigma, mode="constant", truncate=REACH))
+def _sums(values: ArrayLike, sigma: float) -> Floats:
+    return gaussian_sums(values, sigma, REACH)
 
 
-def _near(values: ArrayLike, known: Mask, sigma: float) -> Floats:
-    """Return means over the known cells in a Gaussian window; 0 where there are none."""
-    return _blur(np.where(known, values, 0.0), sigma) / np.maximum(_blur(known, sigma), 1e-12)
+class _Near:
+    """Returns means over the known cells in a Gaussian window; 0 where there are none."""
+
+    def __init__(self, known: Mask) -> None:
+        self._known = known
+        self._counts: dict[float, Floats] = {}
+
+    def __call__(self, values: ArrayLike, sigma: float) -> Floats:
+        if sigma not in self._counts:
+            self._counts[sigma] = np.maximum(_sums(self._known, sigma), 1e-12)
+        return _sums(np.where(self._known, values, 0.0), sigma) / self._counts[sigma]
 
 
 def _opened(mask: Mask, radius: float) -> Mask:
@@ -210,35 +215,28 @@ def _opened(mask: Mask, radius: float) -> Mask:
     The mask is continued beyond the map with the values at the border, so that the border of the map is not a border of
     the mask. `radius` is in cells.
     """
-    from scipy.ndimage import distance_transform_edt
-
     beyond = int(np.ceil(2 * radius))
     wide = np.pad(mask, beyond, mode="edge")
-    if wide.all():
-        return mask
-    inside = distance_transform_edt(wide) > radius
-    if not inside.any():
-        return np.zeros_like(mask)
-    covered = distance_transform_edt(~inside) <= radius
+    covered = within(~within(~wide, radius), radius)
     ny, nx = mask.shape
     return np.asarray(mask & covered[beyond : beyond + ny, beyond : beyond + nx])
 
 
-def _borders(coloured: Mask, known: Mask, texture: Texture) -> tuple[Floats, Floats]:
+def _borders(coloured: Mask, near: _Near, texture: Texture) -> tuple[Floats, Floats]:
     """Return coherence and direction of the borders between colour and black, each (ny, nx).
 
     They come from the structure tensor, the mean product of the derivatives, minus the product of the mean derivatives.
     At the edge of a region all derivatives have one sign and cancel out; on the two sides of a streak they have
     opposite signs and remain. So a blurred edge is not a streak.
     """
-    height = _near(coloured, known, texture.slope)
+    height = near(coloured, texture.slope)
     down, across = (
         np.gradient(height, axis=axis) if height.shape[axis] > 1 else np.zeros_like(height) for axis in (0, 1)
     )
-    mean_x, mean_y = (_near(slope, known, texture.tensor) for slope in (across, down))
-    xx = _near(across * across, known, texture.tensor) - mean_x * mean_x
-    yy = _near(down * down, known, texture.tensor) - mean_y * mean_y
-    xy = _near(across * down, known, texture.tensor) - mean_x * mean_y
+    mean_x, mean_y = (near(slope, texture.tensor) for slope in (across, down))
+    xx = near(across * across, texture.tensor) - mean_x * mean_x
+    yy = near(down * down, texture.tensor) - mean_y * mean_y
+    xy = near(across * down, texture.tensor) - mean_x * mean_y
     total = xx + yy
     coherence = np.where(total > 1e-9, np.hypot(xx - yy, 2 * xy) / np.maximum(total, 1e-9), 0.0)
     steepest = 0.5 * np.arctan2(2 * xy, xx - yy)
@@ -254,4 +252,4 @@ def _unevenness(lengths: Floats, texture: Texture) -> Floats:
         whole = (before > 0) & (middle > 0) & (after > 0)
         counted[1:-1] += whole
         jumped[1:-1] += whole & (np.abs(before - 2 * middle + after) > texture.jump * CHUNK_PERIODS)
-    return _blur(uneven, texture.lengths) / np.maximum(_blur(threes, texture.lengths), 1e-12)
+    return _sums(uneven, texture.lengths) / np.maximum(_sums(threes, texture.lengths), 1e-12)

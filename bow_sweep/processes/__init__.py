@@ -11,6 +11,7 @@ observed         what the supervisor knows of its graph
 supervisor_node  the node of `bow sweep` itself
 launch_arguments reads the arguments of the launch files
 progress         the progress of a sweep on stderr
+progress_bar     the bar that shows it on a terminal
 new_directory    the directory of a run: created, locked, released
 start_nodes      the processes of a graph started, with what they share loaded once
 run_graph        a graph from its first process to the finished run directory

@@ -7,11 +7,10 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
+if TYPE_CHECKING:
+    from bow_sweep.processes.progress_bar import Bar
 
 PLAIN_EVERY_S = 2.0
 SHOWN_REGIMES = 4
@@ -51,26 +50,11 @@ class _First(NamedTuple):
     done: int
 
 
-class _Console(Console):
-    """A console that stops printing where rich would end the process, because its reader is gone."""
-
-    def on_broken_pipe(self) -> None:
-        self.quiet = True
-
-
 class Display:
-    """Live progress: a bar on a terminal, a line every two seconds elsewhere.
+    """Live progress on stderr: a bar on a terminal, a line every two seconds elsewhere; stdout is for results."""
 
-    Parameters
-    ----------
-    console
-        Where to print; by default stderr, because stdout is for results.
-    """
-
-    def __init__(self, console: Console | None = None) -> None:
-        self.console = console or _Console(stderr=True, highlight=False)
+    def __init__(self) -> None:
         self._bar: Bar | None = None
-        self._task = TaskID(0)
         self._first: _First | None = None
         self._last_plain = time.monotonic()
         self._last_text = ""
@@ -83,7 +67,10 @@ class Display:
     def print_line(self, text: str) -> None:
         """Print a line, above the bar where there is one; nothing happens where stderr is closed."""
         with contextlib.suppress(OSError):
-            self.console.print(text, soft_wrap=True, markup=False)
+            if self._bar is None:
+                print(text, file=sys.stderr, flush=True)
+            else:
+                self._bar.print_line(text)
 
     def show(self, progress: Progress | None, waiting: str, now: float) -> None:
         """Show the progress at `now`, in seconds, or before there is any, what the sweep waits for; call often."""
@@ -99,39 +86,20 @@ class Display:
         speed = f"{rate:,.0f} cells/s" + (f", {left / rate:.0f} s left" if rate else "")
         if progress.done + progress.quarantined == progress.planned:
             speed = "closing the bag, drawing the map"
-        shown = SHOWN_REGIMES if not self.console.is_terminal or self.console.width >= WIDE else 2
+        if self._bar is None and sys.stderr.isatty():
+            from bow_sweep.processes.progress_bar import Bar  # rich: it need not be loaded before the first block
+
+            self._bar = Bar(total)
+        shown = SHOWN_REGIMES if self._bar is None or self._bar.width >= WIDE else 2
         ranked = sorted(progress.regimes.items(), key=lambda item: -item[1])[:shown]
         regimes = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in ranked if count)
         if progress.quarantined:
             regimes += f", quarantined {progress.quarantined}"
-        if not self.console.is_terminal:
-            name = f"{self._title}: " if self._title else ""
-            self._plain(f"{name}{done}/{total} cells, {speed}; {regimes}", now)
+        if self._bar is not None:
+            self._bar.show(self._title, done + progress.quarantined, total, speed, regimes)
             return
-        if self._bar is None:
-            self._bar = self._start_bar(total)
-        self._bar.update(
-            self._task,
-            description=self._title,
-            completed=done + progress.quarantined,
-            total=total,
-            speed=speed,
-            regimes=regimes,
-        )
-
-    def _start_bar(self, total: int) -> Bar:
-        bar = Bar(
-            TextColumn("{task.description}"),
-            BarColumn(20),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[speed]}"),
-            TimeElapsedColumn(),
-            TextColumn("[dim]{task.fields[regimes]}"),
-            console=self.console,
-        )
-        self._task = bar.add_task("", total=total, speed="", regimes="")
-        bar.start()
-        return bar
+        name = f"{self._title}: " if self._title else ""
+        self._plain(f"{name}{done}/{total} cells, {speed}; {regimes}", now)
 
     def _plain(self, text: str, now: float) -> None:
         if now - self._last_plain >= PLAIN_EVERY_S and text != self._last_text:

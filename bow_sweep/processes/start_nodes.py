@@ -1,8 +1,8 @@
 """The start of a graph: its processes, each as soon as everything is loaded that it shares with others.
 
-They are copies of their supervisor, so ROS, the measures of a map and the compiled kernel are loaded once for all of
-them. None of that makes DDS entities, which must not be copied. Of the libraries `liblttng-ust` alone starts threads,
-which only wait for a tracer; copies lack them.
+They are copies of their supervisor, so ROS and the compiled kernel are loaded once for all of them. None of that makes
+DDS entities, which must not be copied. Of the libraries `liblttng-ust` alone starts threads, which only wait for a
+tracer; copies lack them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from bow_sim.graph.absent import absent
+from bow_sim.graph.imports import absent
 from bow_sim.physics.errors import ParameterError
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
@@ -60,14 +60,14 @@ def start_nodes(
         load_ros("recorder", "dashboard")
     for station in stations:
         supervisor.start("recorder", station)
-    with interrupts.immediate():
-        load_measures()
     if dashboard:  # it imports the most that others do not need, meanwhile, on another core
         supervisor.start("dashboard")
     with interrupts.immediate():
         load_compiled(sweep)
-        load_ros("coordinator", "classifier", "simulator")
+        load_ros("coordinator")
     supervisor.start("coordinator")  # it needs the fingerprint, and would compute it itself otherwise
+    with interrupts.immediate():
+        load_ros("classifier", "simulator")
     for station in stations:
         supervisor.start("classifier", station)
     start_simulators(supervisor, simulators, stations, interrupts)
@@ -84,9 +84,10 @@ def start_simulators(supervisor: Supervisor, count: int, stations: Sequence[str]
 
 def load_ros(*roles: str) -> None:
     """Import what every node needs, and the modules of some roles."""
-    importlib.import_module("bow_sweep.processes.supervisor_node")
-    for role in roles:
-        importlib.import_module(MODULES[role])
+    with absent("rosidl_generator_py.generate_py_impl"):  # makes code of messages; they would import it beside theirs
+        importlib.import_module("bow_sweep.processes.supervisor_node")
+        for role in roles:
+            importlib.import_module(MODULES[role])
     from rclpy.type_support import check_for_type_support
 
     for package in PACKAGES_OF_TYPES:
@@ -97,14 +98,9 @@ def load_ros(*roles: str) -> None:
     inspect.getmodule(sys._getframe())
 
 
-def load_measures() -> None:
-    """Import what the measures of a map need: coordinator, dashboard and the check at the end use them."""
-    import scipy.ndimage  # noqa: F401
-
-
 def load_compiled(sweep: Sweep) -> None:
     """Load the compiled kernel and classifier, or compile them, and compute the fingerprint of the sweep."""
-    with absent("coverage"):  # Numba would measure what it compiles with it
+    with absent("coverage", "scipy"):  # Numba would measure what it compiles, and compile linear algebra
         import numba  # noqa: F401
 
     from bow_classifier.precompile import precompile

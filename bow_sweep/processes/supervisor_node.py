@@ -234,20 +234,30 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         if (now := time.monotonic()) >= look_at:
             look_at = now + LOOK_S
             restart_unresponsive(supervisor, seen, display.print_line, restarts)
-        # Recorder and dashboard still send messages that others must receive before they exit.
-        if seen.closed:
-            supervisor.release(("simulator", "classifier"))
-            state = seen.states.get("coordinator")
-            if state in (Health.READY, Health.CLOSED):
-                supervisor.release(("recorder", "dashboard"))
-            if state == Health.READY:  # all files are complete
-                print_news(seen, display)
-                return
+        if release_finished(supervisor, seen):
+            print_news(seen, display)
+            return
         if seen.failed:
             raise GraphError(seen.failed)
         if problem := supervisor.screen.problem():
             display.print_line(problem)
         display.show(seen.progress, seen.details.get("coordinator", ""), now)
+
+
+def release_finished(supervisor: Supervisor, seen: Observed) -> bool:
+    """Interrupt the processes whose work is over; return whether all files of the run are complete.
+
+    Recorder and dashboard send messages that others must receive before they exit. The dashboard's last one went to the
+    coordinator when it came here; that is still drawing then.
+    """
+    if not seen.closed:
+        return False
+    coordinator = seen.states.get("coordinator")
+    over = coordinator in (Health.READY, Health.CLOSED)
+    supervisor.release(("simulator", "classifier", *(["recorder"] if over else [])))
+    if over or seen.states.get("dashboard") == Health.CLOSED:
+        supervisor.release(("dashboard",))
+    return coordinator == Health.READY
 
 
 def print_news(seen: Observed, display: Display) -> None:
@@ -269,6 +279,8 @@ def restart_exited(supervisor: Supervisor, graph: Connection, exits: list[Exit],
         child = exit_.child
         graph.report_exit(exit_)
         child.worked = child.process.pid in graph.seen.watchdog.worked
+        if child.role in SPECTATORS:
+            graph.seen.states.pop(child.role, None)  # not that of the next one
         if why := supervisor.why_left_out(exit_):
             display.print_line(f"the sweep goes on without {child.label} ({why}); see {child.log}")
             continue

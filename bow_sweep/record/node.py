@@ -254,9 +254,9 @@ class RecorderNode(BowNode):
     def _check_readers(self, session: Session) -> None:
         """Be BUSY as long as the coordinator of this run reports that it receives the receipts."""
         starting = self.health.state == Health.STARTING
-        self._outbox.send_hello(session.empty_receipt)
         if self.is_heard(READERS, session.expected.run_id) and starting:
             self.set_state(Health.BUSY, f"records to {session.bag.path}")
+        self._outbox.send_hello(session.empty_receipt)
 
     def publish_health(self) -> None:
         """Publish the state of this node now, with the counts of the open bag."""

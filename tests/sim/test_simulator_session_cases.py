@@ -99,6 +99,11 @@ def test_hellos_are_frequent_until_the_streams_are_received_and_stop_while_chunk
         return len(out)
 
     assert [hellos(now) for now in (1, 1, 1 + FIRST_HELLO_S)] == [1, 0, 1]
+    waits = ReadersChecked(("/bow/recorder does not hear bridge_force",), consumers_alive=True)
+    session.handle(waits, 1.11)
+    assert hellos(1.11) == 1, "the recorder has taken up the run, and hears it now"
+    session.handle(waits, 1.12)
+    assert hellos(1.12) == 0
     session.handle(ReadersChecked((), consumers_alive=True), 1.2)
     assert [hellos(now) for now in (1 + 0.5 * HELLO_S, 1.2 + HELLO_S)] == [0, 1]
     compute(session, session.handle(BlockReceived(block()), 5), 5)

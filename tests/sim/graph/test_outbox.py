@@ -22,7 +22,7 @@ class Graph:
         self.now, self.hangs = 0.0, False
         self.sent: list[bytes] = []
         self.log: list[str] = []
-        self.health = SimpleNamespace(state=NodeState.STARTING)
+        self.health = SimpleNamespace(state=NodeState.STARTING, detail="")
         self.awake = SimpleNamespace(now=lambda: self.now)
 
     def every(self, seconds: float, do: Any) -> None:
@@ -77,8 +77,10 @@ def test_a_hello_is_sent_ten_times_a_second_until_the_node_is_ready_then_once_a_
         return len(graph.sent) - before
 
     assert [hellos(at) for at in (0.0, 0.5 * FIRST_HELLO_S, FIRST_HELLO_S)] == [1, 0, 1]
+    graph.health.detail = "waiting: /bow/recorder does not hear verdicts"  # it has taken up the run, and hears them now
+    assert [hellos(at) for at in (1.1 * FIRST_HELLO_S, 1.2 * FIRST_HELLO_S, 2.1 * FIRST_HELLO_S)] == [1, 0, 1]
     graph.health.state = NodeState.READY
-    assert [hellos(at) for at in (0.9 * HELLO_S, 1.2 * HELLO_S)] == [0, 1]
+    assert [hellos(at) for at in (0.9 * HELLO_S, 1.3 * HELLO_S)] == [0, 1]
     outbox.send([b"1"])
     assert hellos(2.1 * HELLO_S) == 0, "a message shows as well that messages arrive"
 

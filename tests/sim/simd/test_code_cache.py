@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from types import ModuleType
 import numba
 import pytest
 from compiled import keep_code_in
+from llvmlite.binding import parse_bitcode
 
 from bow_sim.simd import code_cache
 from bow_sim.simd.code_cache import Announcer, CodeCache
@@ -69,6 +71,14 @@ def test_stored_code_runs_without_all_that_numba_needs_to_compile(place: Path) -
 
 def kept(folder: Path) -> list[Path]:
     return list(folder.rglob("*.nbc"))
+
+
+def test_machine_code_is_stored_and_not_what_it_was_made_from(place: Path) -> None:
+    assert load(place).twice(2) == 4
+    (stored,) = kept(place)
+    (_, _, (code, module)), *_ = pickle.loads(stored.read_bytes())
+    assert code.startswith(b"\x7fELF")
+    assert not list(parse_bitcode(module).functions)
 
 
 def refuse(monkeypatch: pytest.MonkeyPatch, *folders: Path) -> None:

@@ -27,12 +27,11 @@ def test_what_several_processes_need_is_loaded_before_they_are_copied(monkeypatc
             did.append(f"{role} {station}".strip())
 
     monkeypatch.setattr(start, "load_ros", lambda *roles: did.extend(f"load {role}" for role in roles))
-    for name in ("load_measures", "load_compiled"):
-        monkeypatch.setattr(start, name, lambda *_, name=name: did.append(name))
+    monkeypatch.setattr(start, "load_compiled", lambda *_: did.append("load_compiled"))
     with Interrupts("") as interrupts:
         start.start_nodes(cast(Any, Started()), Sweep.from_spec("", SMALL), 3, ["a", "b"], True, interrupts)
-    measured, compiled = did.index("load_measures"), did.index("load_compiled")
-    assert measured < did.index("dashboard") < compiled  # on another core meanwhile
+    compiled = did.index("load_compiled")
+    assert did.index("dashboard") < compiled  # on another core meanwhile
     assert compiled < min(map(did.index, ("coordinator", "classifier a", "simulator a")))
     assert [each for each in did if "simulator " in each] == ["simulator a", "simulator b", "simulator a"]
     for role in ("recorder a", "dashboard", "coordinator", "classifier a", "simulator a"):
@@ -54,7 +53,6 @@ from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes import start_nodes as start
 
 start.load_ros("recorder", "dashboard", "coordinator", "classifier", "simulator")
-start.load_measures()
 start.load_compiled(Sweep.from_spec("", {SMALL}))
 
 import rclpy.context

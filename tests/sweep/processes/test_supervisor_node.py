@@ -8,13 +8,14 @@ import sys
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
-from bow_msgs.msg import Plan
+from bow_msgs.msg import Health, Plan
 
 from bow_sim.protocol import cdr
 from bow_sweep.processes.supervisor import Child, GraphError, Supervisor
-from bow_sweep.processes.supervisor_node import Observed, SupervisorNode, restart_unresponsive
+from bow_sweep.processes.supervisor_node import Observed, SupervisorNode, release_finished, restart_unresponsive
 from bow_sweep.processes.watchdog import Watchdog
 
 RUN = "a" * 16
@@ -66,6 +67,26 @@ def test_a_coordinator_that_hears_nobody_is_ended_where_another_can_go_on(
     finally:
         process.kill()
         process.wait()
+
+
+@pytest.mark.parametrize(
+    ("coordinator", "dashboard", "released"),
+    [
+        (Health.BUSY, Health.BUSY, {"simulator", "classifier"}),
+        (Health.BUSY, Health.CLOSED, {"simulator", "classifier", "dashboard"}),
+        (Health.READY, Health.BUSY, {"simulator", "classifier", "recorder", "dashboard"}),
+        (Health.CLOSED, Health.CLOSED, {"simulator", "classifier", "recorder", "dashboard"}),
+    ],
+)
+def test_each_process_is_released_when_its_work_is_over(coordinator: int, dashboard: int, released: set[str]) -> None:
+    seen, roles = Observed(Watchdog(RUN)), set()
+    supervisor: Any = SimpleNamespace(release=roles.update)
+    seen.states.update(coordinator=coordinator, dashboard=dashboard)
+    assert not release_finished(supervisor, seen)
+    assert not roles
+    seen.closed = True
+    assert release_finished(supervisor, seen) is (coordinator == Health.READY)
+    assert roles == released
 
 
 PATIENT = """

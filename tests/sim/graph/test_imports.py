@@ -1,7 +1,8 @@
-"""Optional libraries can be kept from those that would only support them."""
+"""Large libraries are imported without optional ones that would only be supported, and without collections."""
 
 from __future__ import annotations
 
+import gc
 import importlib
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bow_sim.graph.absent import absent
+from bow_sim.graph.imports import absent, uncollected
 
 
 def test_a_module_cannot_be_imported_in_the_context_and_can_be_after_it(
@@ -23,6 +24,25 @@ def test_a_module_cannot_be_imported_in_the_context_and_can_be_after_it(
     with absent("support_for_it"):  # what is loaded stays
         assert importlib.import_module("support_for_it").here
     del sys.modules["support_for_it"]
+
+
+def test_garbage_is_collected_again_after_the_context_if_it_was_before_it() -> None:
+    assert gc.isenabled()
+    with uncollected():
+        assert not gc.isenabled()
+        with uncollected():
+            pass
+        assert not gc.isenabled()
+    assert gc.isenabled()
+
+
+def test_maps_are_drawn_without_pictures_in_three_dimensions_and_without_a_warning() -> None:
+    code = (
+        "import sys; from bow_sweep.coordinator.results import prepare; prepare();"
+        "assert 'bow_sweep.figures.maps' in sys.modules; assert 'mpl_toolkits.mplot3d' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_dashboard_draws_without_pandas() -> None:
