@@ -36,7 +36,7 @@ def root() -> Path:
     return ROOT
 
 
-GRAPHS = ("own_domain", "sweeping", "run_sweep")
+GRAPHS = ("own_domain", "sweeping", "halted", "run_sweep")
 """Names of tests/support by which a module starts graphs."""
 
 

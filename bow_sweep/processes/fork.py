@@ -11,13 +11,15 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from bow_sweep.processes.exit_status import FAILED
 
 POLL_S = 0.002
 """Interval at which :meth:`Process.wait` checks whether a child has exited."""
+
+STOPS = (signal.SIGINT, signal.SIGTERM)
 
 UNKNOWN = 1000
 """In place of an exit status that another part of this process took."""
@@ -126,20 +128,25 @@ class Forked(Process):
             with contextlib.suppress(OSError, ValueError, AttributeError):  # full, closed, or None: only text is lost
                 stream.flush()
         gc.freeze()  # no collection in the child writes to memory pages that it shares with us
-        pid = os.fork()
-        if pid == 0:
-            _run_child(run, output, keep)
-        gc.unfreeze()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)  # the child must not take one with a handler of ours
+        try:
+            pid = os.fork()
+            if pid == 0:
+                _run_child(run, output, keep, before)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            gc.unfreeze()
         super().__init__(pid)
 
 
-def _run_child(run: Callable[[], int], output: Path, keep: int) -> None:
+def _run_child(run: Callable[[], int], output: Path, keep: int, mask: Iterable[int]) -> None:
     """Run the child and exit: it must not return into the stack that it copied from its parent."""
     status = FAILED
     gc.disable()  # a node enables it when it has loaded its modules
     try:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in STOPS:
             signal.signal(number, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for descriptor in [int(path.name) for path in Path("/proc/self/fd").iterdir()]:
             if descriptor > 2 and descriptor != keep:
                 with contextlib.suppress(OSError):  # the one that listed the directory is closed already

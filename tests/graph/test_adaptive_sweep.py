@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from domains import own_domain
-from graph import assert_gone_on_with, assert_survives_a_kill, bow, run_sweep, sweeping, verified
+from graph import assert_gone_on_with, assert_survives_a_kill, bow, halted, run_sweep, sweeping, verified
 
 from bow_sweep.maps.in_process import compute
 from bow_sweep.plan.sweep import Sweep
@@ -60,7 +60,7 @@ def test_it_goes_on_by_itself_after_a_kill(role: str, adaptive: Path, tmp_path: 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.full)])
 def test_cut_off_in_a_round_it_goes_on_to_the_same_map(number: signal.Signals, adaptive: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *ADAPTIVE, "--out", str(run)) as sweep:
+    with halted(run, *ADAPTIVE, chunks=90) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 4)
         if number == signal.SIGKILL:
             sweep.children("coordinator")[0].kill()

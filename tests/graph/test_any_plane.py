@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import assert_gone_on_with, bow, map_of, run_sweep, sweeping, verified
+from graph import assert_gone_on_with, bow, halted, map_of, run_sweep, verified
 
 from bow_sweep.maps.in_process import compute
 from bow_sweep.maps.map_file import MapFile, map_arrays
@@ -24,7 +24,7 @@ PLANE = ["fig11d", *(f"--set={line}" for line in SETTINGS)]
 
 def test_killed_and_resumed_it_ends_verified_with_the_map_that_one_process_computes(tmp_path: Path) -> None:
     whole, run = run_sweep(tmp_path / "whole", *PLANE, "--no-dashboard"), tmp_path / "run"
-    with sweeping(run, *PLANE, "--out", str(run)) as sweep:
+    with halted(run, *PLANE) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 4)
         sweep.children("coordinator")[0].kill()
         assert sweep.wait() == 1, sweep.text

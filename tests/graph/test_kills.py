@@ -5,7 +5,17 @@ import signal
 from pathlib import Path
 
 import pytest
-from graph import SMALL, TINY, assert_gone_on_with, assert_same_map, assert_survives_a_kill, orphans, sweeping, verified
+from graph import (
+    SMALL,
+    TINY,
+    assert_gone_on_with,
+    assert_same_map,
+    assert_survives_a_kill,
+    halted,
+    left_behind,
+    orphans,
+    verified,
+)
 
 from bow_sim.graph.shm_files import files_of
 
@@ -24,15 +34,15 @@ def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_pat
     others.touch()
     run = tmp_path / "run"
     try:
-        with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+        with halted(run, *SMALL) as sweep:
             sweep.wait_until(lambda: sweep.done_blocks() >= 2)
             files = files_of(sweep.children("simulator")[0].pid)
             sweep.kill("simulator")
+            sweep.go_on()
             assert sweep.wait() == 0, sweep.text
         kinds = {Path(file).name.partition("_")[0] for file in files}
         assert kinds >= {"fastrtps", "fast"}  # its segments, and what it lent
-        assert not [file for file in files if Path(file).exists()]
-        assert not [file for file in files if Path(file.removesuffix("_el")).exists()]
+        assert left_behind(files) == set()
         assert others.exists()
     finally:
         others.unlink()
@@ -41,9 +51,10 @@ def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_pat
 @pytest.mark.parametrize("role", ["simulator", "classifier", "recorder"])
 def test_a_sweep_of_four_cells_does_not_hang(role: str, undisturbed_tiny: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *TINY, "--out", str(run)) as sweep:
+    with halted(run, *TINY, chunks=1) as sweep:
         sweep.wait_until((run / "ledger.jsonl").exists)
         sweep.kill(role)
+        sweep.go_on()
         assert sweep.wait() == 0, sweep.text
     verified(run)
     assert_same_map(undisturbed_tiny, run)
@@ -51,7 +62,7 @@ def test_a_sweep_of_four_cells_does_not_hang(role: str, undisturbed_tiny: Path, 
 
 def test_without_its_coordinator_a_sweep_stops_and_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.kill("coordinator")
         assert sweep.wait() == 1, sweep.text
@@ -62,7 +73,7 @@ def test_without_its_coordinator_a_sweep_stops_and_can_be_gone_on_with(undisturb
 
 def test_a_killed_supervisor_takes_its_processes_with_it(undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         family = sweep.children()
         os.kill(sweep.process.pid, signal.SIGKILL)
@@ -74,7 +85,7 @@ def test_a_killed_supervisor_takes_its_processes_with_it(undisturbed: Path, tmp_
 
 def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         family = [*sweep.children(), sweep.process]
         files = set[str]().union(*(files_of(process.pid) for process in family))
@@ -83,4 +94,4 @@ def test_all_killed_at_once_can_be_gone_on_with(undisturbed: Path, tmp_path: Pat
         sweep.wait()
     assert files
     assert_gone_on_with(run, undisturbed)
-    assert not [file for file in files if Path(file).exists()]
+    assert left_behind(files) == set()

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from graph import orphans
+from graph import PATIENCE_S, orphans
 
 from bow_sweep.record.verify import verify
 
@@ -25,8 +25,10 @@ class Node(node_base.BowNode):
         time.sleep(float(sys.argv[1]))
         super().destroy_node()
 
-node_process.LEAVE_S = 1
 """
+
+SHORT = "node_process.LEAVE_S = 1\n"
+"""Seconds that DDS has to shut down."""
 
 SIGNAL_AGAIN = """
 def signal_again(frame, event, argument):
@@ -58,11 +60,9 @@ def test_a_node_ends_that_gets_a_signal_while_it_handles_one(ros_domain: int) ->
 
 
 def test_a_node_ends_although_dds_does_not_shut_down(ros_domain: int) -> None:
-    with start(NODE, LIVE, hangs_s=60) as process:
+    with start(NODE, SHORT, LIVE, hangs_s=60) as process:
         process.send_signal(signal.SIGTERM)
-        began = time.monotonic()
-        assert process.wait(20) == -signal.SIGALRM
-        assert time.monotonic() - began < 5
+        assert process.wait(30) == -signal.SIGALRM
 
 
 SWEEP = """
@@ -79,8 +79,8 @@ sys.exit(main(["sweep", "fig11d", "--nx", "4", "--ny", "2", "--periods", "20", "
 def test_a_sweep_ends_with_all_its_processes_although_dds_does_not_shut_down(ros_domain: int, tmp_path: Path) -> None:
     run = tmp_path / "run"
     with subprocess.Popen([sys.executable, "-c", SWEEP, str(run)]) as process:
-        assert process.wait(60) == -signal.SIGALRM
-    deadline = time.monotonic() + 15
+        assert process.wait(PATIENCE_S) == -signal.SIGALRM
+    deadline = time.monotonic() + 30
     while left := orphans(run):
         assert time.monotonic() < deadline, left
         time.sleep(0.1)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import SMALL, bow, map_of, orphans, sweeping, verified
+from graph import SMALL, bow, halted, map_of, orphans, sweeping, verified
 
 from bow_sweep.run.ledger import POISON_CRASHES
 
@@ -70,7 +70,7 @@ def test_a_block_that_kills_its_simulators_is_quarantined_and_named_and_the_rest
 
 def test_simulators_that_their_supervisor_stops_make_no_block_suspect(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.process.send_signal(signal.SIGINT)
         assert sweep.wait() == 130, sweep.text

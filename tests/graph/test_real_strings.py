@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import bow, map_of, orphans, run_sweep, sweeping, verified
+from graph import bow, halted, map_of, orphans, run_sweep, sweeping, verified
 
 from bow_sweep.cell.motion import motion
 from bow_sweep.cell.run_cells import RunCells
@@ -59,7 +59,7 @@ def test_a_map_over_a_mode_that_was_killed_and_interrupted_is_gone_on_with_and_i
     basin = compute(own)  # first, so that what a run waits for need not be compiled
     run = tmp_path / "run"
     arguments = [word for setting in MODE for word in ("--set", setting)]
-    with sweeping(run, *arguments, "--simulators", "1", "--no-dashboard", "--out", str(run)) as sweep:
+    with halted(run, *arguments, "--simulators", "1", "--no-dashboard", chunks=30) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.kill("simulator")  # the only one: nothing is computed until it is started again
         sweep.wait_until(lambda: "killed by SIGKILL" in sweep.text)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bow_msgs.msg import StickSlip, Verdicts
 from desk import desk
-from graph import SMALL, map_of, orphans, sweeping, verified
+from graph import SMALL, halted, map_of, orphans, sweeping, verified
 
 from bow_sim.graph.node_base import STREAM
 from bow_sim.protocol import cdr
@@ -33,9 +33,10 @@ def assert_proved(run: Path, undisturbed: Path, recorded: int) -> None:
 
 def test_without_streams_a_sweep_goes_on_after_its_recorder_was_killed(undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--record", "verdicts", "--no-dashboard", "--out", str(run)) as sweep:
+    with halted(run, *SMALL, "--record", "verdicts", "--no-dashboard") as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.kill("recorder")
+        sweep.go_on()
         assert sweep.wait() == 0, sweep.text
         assert "killed by SIGKILL" in sweep.text
         assert "every verdict, no samples" in sweep.text
@@ -46,9 +47,10 @@ def test_without_streams_a_sweep_goes_on_after_its_recorder_was_killed(undisturb
 @pytest.mark.parametrize("role", ["simulator_1", "classifier"])
 def test_without_streams_a_sweep_goes_on_after_another_was_killed(role: str, undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--record", "verdicts", "--no-dashboard", "--out", str(run)) as sweep:
+    with halted(run, *SMALL, "--record", "verdicts", "--no-dashboard") as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.kill(role)
+        sweep.go_on()
         assert sweep.wait() == 0, sweep.text
         assert "killed by SIGKILL" in sweep.text
     assert_proved(run, undisturbed, 0)
@@ -88,7 +90,7 @@ def test_who_listens_gets_the_streams_of_a_sweep_that_records_none(tmp_path: Pat
 
 def test_a_sweep_of_the_last_chunks_is_gone_on_with_after_all_was_killed(undisturbed: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--record", "last", "--no-dashboard", "--out", str(run)) as sweep:
+    with halted(run, *SMALL, "--record", "last", "--no-dashboard") as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         for process in [*sweep.children(), sweep.process]:
             os.kill(process.pid, signal.SIGKILL)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from graph import SMALL, assert_gone_on_with, bow, run_sweep, sweeping, verified
+from graph import SMALL, assert_gone_on_with, bow, halted, run_sweep, verified
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
@@ -18,9 +18,10 @@ def cut_off(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A run that was killed, all of it at once, and a copy that was made of it some blocks before."""
     folder = tmp_path_factory.mktemp("cut")
     run, older = folder / "run", folder / "older"
-    with sweeping(run, *SMALL, "--out", str(run), "--no-dashboard") as sweep:
+    with halted(run, *SMALL, "--no-dashboard") as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         shutil.copytree(run, older)
+        sweep.let(130)
         sweep.wait_until(lambda: sweep.done_blocks() >= 6)
         family = sweep.children()
         for pid in [sweep.process.pid, *(child.pid for child in family)]:

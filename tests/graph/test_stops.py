@@ -9,7 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from graph import SMALL, assert_same_map, orphans, sweeping, verified
+from graph import SMALL, assert_same_map, halted, orphans, sweeping, verified
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
@@ -21,12 +21,13 @@ def test_a_consumer_stopped_for_ten_seconds_holds_the_simulators_back_and_loses_
     role: str, undisturbed: Path, tmp_path: Path
 ) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         (victim,) = sweep.children(role)
         simulators = sweep.children("simulator")
         before = [process.memory_info().rss for process in simulators]
         victim.send_signal(signal.SIGSTOP)
+        sweep.go_on()
         time.sleep(STOPPED_S)
         for process, rss in zip(simulators, before, strict=True):
             with contextlib.suppress(psutil.NoSuchProcess):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from graph import SMALL, TINY, assert_gone_on_with, bow, orphans, run_sweep, sweeping, verified
+from graph import SMALL, TINY, assert_gone_on_with, bow, halted, orphans, run_sweep, sweeping, verified
 
 from bow_sim.kernel.block import transient
 from bow_sim.protocol import cdr
@@ -66,7 +66,7 @@ def test_interrupted_it_stops_in_order_and_says_how_to_go_on(
     undisturbed: Path, tmp_path: Path, number: signal.Signals
 ) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         sweep.process.send_signal(number)
         assert sweep.wait() == 130, sweep.text
@@ -77,7 +77,7 @@ def test_interrupted_it_stops_in_order_and_says_how_to_go_on(
 
 def test_a_second_ctrl_c_changes_nothing(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
         for _ in range(3):
             sweep.process.send_signal(signal.SIGINT)

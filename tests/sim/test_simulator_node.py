@@ -89,7 +89,7 @@ def test_streams_are_wanted_as_soon_as_others_than_recorder_and_classifier_liste
         simulator.create_subscription(StickSlip, "stick_slip", lambda _: None, STREAM)
     assert not simulator._others_listen()
     simulator.create_subscription(StickSlip, "stick_slip", lambda _: None, STREAM)
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 20
     while not simulator._others_listen():
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -148,7 +148,7 @@ def test_the_worker_takes_receipts_and_says_which_bytes_are_none(
     assert simulator._receipts.subscription not in list(simulator.subscriptions)
     receipts = simulator.create_publisher(Receipt, "receipts", STREAM)
     values = {"run_id": RUN, "sweep_id": RUN, "kind": [1], "block": [2], "chunk": [3], "attempt": [1], "checksum": [4]}
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 20
     while not receipts.get_subscription_count() and time.monotonic() < deadline:
         time.sleep(0.01)
     sent = [cdr.encode("Receipt", {**values, "incarnation": each * 16}) for each in "ab"]
@@ -184,20 +184,20 @@ def test_it_takes_no_work_before_the_coordinator_says_that_it_hears_it(simulator
 def test_it_publishes_nothing_before_both_consumers_are_matched_or_have_had_the_time(
     simulator: SimulatorNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    simulator._made = time.monotonic()
+    monkeypatch.setattr("bow_sim.node.MATCHED_S", 600.0)
     assert not simulator._is_matched()
     for consumer in (1, 2):
         for topic in STREAMS:
             simulator.create_subscription(TOPICS[topic][0], topic, lambda _: None, STREAM)
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 20
         while (
             min(p.get_subscription_count() for p in simulator._publisher_of.values()) < consumer
             and time.monotonic() < deadline
         ):
             time.sleep(0.01)
-        simulator._made = time.monotonic()
         assert simulator._is_matched() == (consumer == 2)
     monkeypatch.setattr("bow_sim.node.CONSUMERS", ("a", "b", "c"))
     assert not simulator._is_matched()
+    monkeypatch.setattr("bow_sim.node.MATCHED_S", MATCHED_S)
     simulator._made -= MATCHED_S
     assert simulator._is_matched()

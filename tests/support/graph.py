@@ -10,13 +10,15 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import psutil
 import pytest
+from gated_simulator import GATE
 
 from bow_sim.graph.discovery import SHARED_MEMORY
 from bow_sim.graph.shm_files import files_of
@@ -80,7 +82,7 @@ class Sweep:
         """Wait for something to become true while the sweep runs."""
         deadline = time.monotonic() + PATIENCE_S
         while not what():
-            if self.process.poll() is not None or time.monotonic() > deadline:
+            if (self.process.poll() is not None or time.monotonic() > deadline) and not what():
                 pytest.fail(f"it never came true; the sweep says:\n{self.text}")
             time.sleep(0.02)
 
@@ -162,6 +164,12 @@ def dead_files() -> set[str]:
     return files - {file.removesuffix("_el") for file in living}
 
 
+def left_behind(files: Iterable[str]) -> set[str]:
+    """Return which files in shared memory are there still, without those of living processes: ports are used again."""
+    there = {file for file in files if Path(file).exists() or Path(file.removesuffix("_el")).exists()}
+    return there - set[str]().union(*(files_of(pid) for pid in psutil.pids() if there))
+
+
 @contextlib.contextmanager
 def sweeping(directory: Path, *arguments: str, module: str = "bow_sweep", outer: Sequence[str] = ()) -> Iterator[Sweep]:
     """Start a sweep into `directory`; kill what is left of it in the end.
@@ -169,6 +177,38 @@ def sweeping(directory: Path, *arguments: str, module: str = "bow_sweep", outer:
     `module` stands for the command, and `outer` is the beginning of a command that runs another.
     """
     sweep = Sweep(directory, *arguments, module=module, outer=outer)
+    try:
+        yield sweep
+    finally:
+        sweep.stop()
+
+
+class Halted(Sweep):
+    """A sweep of which each simulator waits when it has published some chunks.
+
+    Nothing that the test does to it comes too late, however busy the machine is.
+    """
+
+    def __init__(self, directory: Path, *arguments: str, chunks: int) -> None:
+        self._gate = directory.with_suffix(".gate")
+        self.let(chunks)
+        support = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+        with mock.patch.dict(os.environ, {GATE: str(self._gate), "PYTHONPATH": os.pathsep.join(support)}):
+            super().__init__(directory, *arguments, module="gated_simulator")
+
+    def let(self, chunks: int) -> None:
+        """Let each simulator publish so many chunks in all."""
+        self._gate.write_text(str(chunks))
+
+    def go_on(self) -> None:
+        """Let the simulators wait no more."""
+        self._gate.unlink()
+
+
+@contextlib.contextmanager
+def halted(directory: Path, *arguments: str, chunks: int = 50) -> Iterator[Halted]:
+    """Start a sweep into `directory` that waits in its middle, after two and a half blocks of 100 periods."""
+    sweep = Halted(directory, *arguments, "--out", str(directory), chunks=chunks)
     try:
         yield sweep
     finally:
@@ -189,9 +229,10 @@ def assert_gone_on_with(run: Path, undisturbed: Path, *, shown: bool = False) ->
 def assert_survives_a_kill(role: str, run: Path, arguments: Sequence[str], blocks: int, undisturbed: Path) -> None:
     """Kill a process once some blocks are done: the sweep ends well by itself, with the map of an undisturbed run."""
     without = [] if role == "dashboard" else ["--no-dashboard"]  # it takes as long as all the rest
-    with sweeping(run, *arguments, *without, "--out", str(run)) as sweep:
+    with halted(run, *arguments, *without, chunks=20 * blocks + 10) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= blocks)
         sweep.kill(role)
+        sweep.go_on()
         assert sweep.wait() == 0, sweep.text
         assert "killed by SIGKILL" in sweep.text
     verified(run)

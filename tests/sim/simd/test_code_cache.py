@@ -6,6 +6,7 @@ import importlib.util
 import pickle
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -178,7 +179,11 @@ def test_what_takes_long_is_announced_once_with_its_place(place, monkeypatch):
     for _ in range(2):
         announcer.on_start(Started(function))
         announcer.on_start(Started(function))
-        announcer._over.wait(0.2)
+        deadline = time.monotonic() + 20
+        while not reported:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        announcer._over.wait(0.2)  # time to report it again
         announcer.on_end(Started(function))
         announcer.on_end(Started(function))
         assert announcer._reporter is None
@@ -187,7 +192,8 @@ def test_what_takes_long_is_announced_once_with_its_place(place, monkeypatch):
     assert "NUMBA_CACHE_DIR" in reported[0]
 
 
-def test_what_is_quick_is_not_announced(place):
+def test_what_is_quick_is_not_announced(place, monkeypatch):
+    monkeypatch.setattr(code_cache, "REPORT_AFTER_S", 60.0)
     reported: list[str] = []
     announcer = Announcer(reported.append)
     announcer.on_start(Started(load(place).twice))

@@ -60,8 +60,7 @@ def test_handlers_of_its_parent_are_not_its_own(tmp_path):
     before = signal.signal(signal.SIGTERM, lambda *_: None)
     try:
         child = Forked(lambda: time.sleep(60) or 0, tmp_path / "log")
-        time.sleep(0.1)
-        child.send_signal(signal.SIGTERM)
+        child.send_signal(signal.SIGTERM)  # at once: it may not have begun
         assert child.wait(10) == -signal.SIGTERM
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -69,7 +68,7 @@ def test_handlers_of_its_parent_are_not_its_own(tmp_path):
 
 def test_an_exit_status_that_others_took_is_unknown(tmp_path):
     child = Forked(lambda: 3, tmp_path / "log")
-    os.waitpid(-1, 0)
+    os.waitpid(child.pid, 0)
     assert child.poll() == UNKNOWN
     assert child.wait(1) == UNKNOWN
     child.kill()
@@ -77,18 +76,21 @@ def test_an_exit_status_that_others_took_is_unknown(tmp_path):
 
 def test_a_command_whose_status_was_taken_is_no_success(tmp_path):
     child = Spawned([sys.executable, "-c", "print('here')"], tmp_path / "log", dict(os.environ), lambda: None)
-    os.waitpid(-1, 0)
+    os.waitpid(child.pid, 0)
     assert child.wait(1) == UNKNOWN
     assert (tmp_path / "log").read_text() == "here\n"
 
 
 def test_where_sigchld_is_ignored_the_exit_is_noticed_and_its_status_unknown(tmp_path):
     before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    waits, end = os.pipe()
     try:
-        child = Forked(lambda: time.sleep(0.3) or 0, tmp_path / "log")
+        child = Forked(lambda: len(os.read(waits, 1)), tmp_path / "log", keep=waits)
         assert child.poll() is None
+        os.close(end)
         assert child.wait(10) == UNKNOWN
     finally:
+        os.close(waits)
         signal.signal(signal.SIGCHLD, before)
 
 

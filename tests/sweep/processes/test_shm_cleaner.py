@@ -21,9 +21,9 @@ from bow_sweep.processes.shm_cleaner import NOTE, SharedFiles, ShmCleaner
 
 SHARED = Path("/dev/shm")
 
-SEGMENT = SHARED / "fastrtps_0123456789abcdef"
-PORT = SHARED / "fastrtps_port99999"
-SEMAPHORE = SHARED / "sem.fastrtps_port99999_mutex"
+SEGMENT = SHARED / f"fastrtps_0123{os.getpid():012x}"
+PORT = SHARED / f"fastrtps_port{10**9 + os.getpid()}"
+SEMAPHORE = SHARED / f"sem.{PORT.name}_mutex"
 
 HOLDS = """
 import fcntl, mmap, os, sys
@@ -41,7 +41,7 @@ sys.stdin.read()
 """
 """A process with shared memory as Fast DDS uses it: locked files, and mapped files."""
 
-LENT = SHARED / "fast_datasharing_01.0f.be.ef.PID.f1.4e.00.00.00.00_0.0.14.3"
+LENT = SHARED / f"fast_datasharing_01.0f.{os.getpid() % 256:02x}.{os.getpid() // 256 % 256:02x}.PID.f1.4e.00.00.00.00_0.0.14.3"
 
 
 def lock(file: Path) -> Path:
@@ -97,7 +97,7 @@ def watched(cleaner: ShmCleaner, folder: Path) -> Iterator[subprocess.Popen[byte
 def nothing_stays() -> Iterator[None]:
     """Also after a test that fails."""
     yield
-    for file in (SEGMENT, PORT, lock(SEGMENT), lock(PORT), SEMAPHORE, *SHARED.glob("fast_datasharing_01.0f.be.ef.*")):
+    for file in (SEGMENT, PORT, lock(SEGMENT), lock(PORT), SEMAPHORE, *SHARED.glob(LENT.name.replace("PID.f1.4e", "*"))):
         file.unlink(missing_ok=True)
 
 
@@ -209,8 +209,7 @@ def test_it_removes_the_files_of_a_killed_process_and_ends_when_it_is_closed(tmp
     cleaner = ShmCleaner(tmp_path, "/bow/x", [])
     with watched(cleaner, tmp_path) as process:
         process.kill()
-        wait_until(lambda: not SEGMENT.exists())
-    assert not lock(SEGMENT).exists()
+        wait_until(lambda: not SEGMENT.exists() and not lock(SEGMENT).exists())
     assert not cleaner.has_exited
     cleaner.close(20)
     assert notes(tmp_path) == []

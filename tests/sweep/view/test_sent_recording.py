@@ -15,7 +15,7 @@ from read_rrd import entities, rows, verify
 from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view import rerun_recording
 from bow_sweep.view.rerun_recording import RunRecording
-from bow_sweep.view.viewer import Server, connections, uri_of
+from bow_sweep.view.viewer import Server, answers, connections, uri_of
 from bow_sweep.view.wanted import free_port
 
 
@@ -35,6 +35,7 @@ def path(tmp_path) -> Path:
 @pytest.fixture
 def server():
     made = Server(0)
+    assert answers(made.uri, 60.0)
     yield made
     made.stop()
 
