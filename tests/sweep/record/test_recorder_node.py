@@ -131,9 +131,9 @@ def test_a_full_disk_is_said_and_nothing_is_corrupt(graph):
     open_run(graph)
     most = 130_000  # bytes a file may have from now on: as a disk that is full in the middle of a sweep
     resource.prlimit(graph.process.pid, resource.RLIMIT_FSIZE, (most, most))
-    for block in range(SWEEP.blocks):
-        send(graph, blocks=[block])
-        graph.spin(0.2)
+    send(graph, blocks=[0])
+    graph.until(lambda: answered(graph, 1), "the first block is receipted")
+    send(graph, blocks=[1, 2])
     graph.until(lambda: graph.state() == Health.FAILED, "the recorder gives up")
     failed = next(h for h in reversed(graph.health) if h.state == Health.FAILED)
     assert "nothing more is recorded; make room and resume" in failed.detail
