@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, sweeping
+from graph import PATIENCE_S, SMALL, halted, sweeping
 from live_viewer import HeadlessViewer, headless_stand_in, needs_vulkan, ports_of, run_of
 from sockets import Socket, family, sockets_of, sockets_seen
 
@@ -49,18 +49,23 @@ def assert_only_loopback(seen: set[Socket]) -> None:
     assert {one for one in seen if not one.is_loopback} == set()
 
 
-def seen_in_a_sweep(run: Path, *more: str) -> set[Socket]:
-    with sweeping(run, *SMALL, *more, "--out", str(run)) as sweep, sockets_seen(lambda: sweep.process.pid) as seen:
+def are_seen(seen: set[Socket], kind: str, words: str) -> bool:
+    """Return whether sockets of such a process were seen."""
+    return any(one.kind == kind and words in one.process for one in set(seen))  # a thread adds to it
+
+
+def seen_in_a_sweep(run: Path, server: str, *more: str) -> set[Socket]:
+    """Return the sockets of a sweep that goes on when its nodes and a server, named by words, were looked at."""
+    nodes = [f"__node:={role}" for role in ROLES if role != "dashboard"]
+    with halted(run, *SMALL, *more) as sweep, sockets_seen(lambda: sweep.process.pid) as seen:
+        sweep.wait_until(lambda: are_seen(seen, "TCP", server) and all(are_seen(seen, "UDP", node) for node in nodes))
+        sweep.go_on()
         assert sweep.wait() == 0, sweep.text
     return seen
 
 
 def test_a_sweep_that_serves_its_dashboard_listens_on_the_loopback_alone(tmp_path: Path) -> None:
-    seen = seen_in_a_sweep(tmp_path / "run", "--port", str(free_port()))
-    assert_only_loopback(seen)
-    assert any(one.kind == "TCP" and "--serve-grpc" in one.process for one in seen), "it is served"
-    for role in ("coordinator", "recorder", "classifier", "simulator"):
-        assert any(f"__node:={role}" in one.process for one in seen if one.kind == "UDP"), "all were looked at"
+    assert_only_loopback(seen_in_a_sweep(tmp_path / "run", "--serve-grpc", "--port", str(free_port())))
 
 
 def test_the_viewer_is_told_to_listen_there_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,11 +75,9 @@ def test_the_viewer_is_told_to_listen_there_too(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("RERUN_CLI_PATH", str(stub))
     monkeypatch.setenv("DISPLAY", ":77")
     try:
-        seen = seen_in_a_sweep(tmp_path / "run", "--view")
+        assert_only_loopback(seen_in_a_sweep(tmp_path / "run", str(stub), "--view"))
     finally:
         over.touch()
-    assert_only_loopback(seen)
-    assert any(one.kind == "TCP" and str(stub) in one.process for one in seen)
 
 
 @pytest.mark.full
@@ -89,7 +92,7 @@ def test_reruns_own_viewer_does_so_and_stays(tmp_path: Path, monkeypatch: pytest
             sweeping(run, *SMALL, "--view", "--out", str(run)) as sweep,
             sockets_seen(lambda: sweep.process.pid) as seen,
         ):
-            sweep.wait_until(lambda: any("--headless" in one.process for one in seen if one.kind == "TCP"))
+            sweep.wait_until(lambda: are_seen(seen, "TCP", "--headless"))
             viewers += [one for one in family(sweep.process.pid) if "--headless" in one.cmdline()]
             assert sweep.wait() == 0, sweep.text
         assert len(viewers) == 1
