@@ -65,7 +65,7 @@ class Graph:
         if node is self.node and not cdr.hello_from("Verdicts", data):
             self.verdicts.append(data)
 
-    def until(self, what, seconds=20.0):
+    def until(self, what, seconds=60.0):
         """Let the graph go on until `what` holds."""
         end = time.monotonic() + seconds
         while not what():
@@ -124,7 +124,7 @@ def graph(ros_domain):
 
 def stop(process, number=signal.SIGINT):
     process.send_signal(number)
-    output, _ = process.communicate(timeout=20)
+    output, _ = process.communicate(timeout=60)
     return process.returncode, output.decode()
 
 

@@ -16,7 +16,7 @@ import yaml
 from action_msgs.msg import GoalStatus
 from bow_msgs.action import RunSweep
 from bow_msgs.msg import BasinMap, BridgeForce, Health, InspectedCell, Plan, Receipt, StickSlip, SweepSpec, Verdicts
-from graph import PATIENCE_S, assert_same_map, sweeping, verified
+from graph import PATIENCE_S, assert_same_map, gated, sweeping, verified
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -62,15 +62,23 @@ def client(ros_domain: int) -> Iterator[Client]:
 
 
 @pytest.fixture
-def nodes(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
-    """The nodes of a graph without a supervisor, as `ros2 run` starts them; yields runs_dir."""
+def gate(tmp_path: Path) -> Path:
+    """The file that says how many chunks the simulator may publish; without it, all of them."""
+    return tmp_path / "gate"
+
+
+@pytest.fixture
+def nodes(ros_domain: int, tmp_path: Path, gate: Path) -> Iterator[Path]:
+    """The nodes of a graph without a supervisor, as `ros2 run` starts them, its simulator gated; yields runs_dir."""
     runs = tmp_path / "runs"
     defaults = ["--ros-args", "--params-file", str(ROOT / "config" / "nodes.yaml")]
     places = {role: ["-p", f"runs_dir:={runs}"] for role in ("coordinator", "recorder", "dashboard")}
     processes = [
         subprocess.Popen([sys.executable, "-m", "bow_sweep", role, *defaults, *places.get(role, [])])
-        for role in ("coordinator", "recorder", "dashboard", "classifier", "simulator")
+        for role in ("coordinator", "recorder", "dashboard", "classifier")
     ]
+    with gated(gate):
+        processes.append(subprocess.Popen([sys.executable, "-m", "gated_simulator", *defaults]))
     yield runs
     for process in processes:
         process.terminate()
@@ -78,7 +86,7 @@ def nodes(ros_domain: int, tmp_path: Path) -> Iterator[Path]:
 
 
 def send(client: Client, spec: SweepSpec, feedback: list | None = None) -> object:
-    assert client.action.wait_for_server(30)
+    assert client.action.wait_for_server(PATIENCE_S)
     seen = feedback if feedback is not None else []
     return client.until(client.action.send_goal_async(RunSweep.Goal(spec=spec), feedback_callback=seen.append))
 
@@ -118,7 +126,8 @@ def test_a_goal_runs_a_sweep_while_another_node_publishes_rubbish(
         assert f.cells_planned == f.cells_done + f.cells_quarantined + f.cells_outstanding == 128
 
 
-def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client: Client) -> None:
+def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client: Client, gate: Path) -> None:
+    gate.write_text("50")  # two and a half blocks
     goal = send(client, SweepSpec(preset="fig11d", settings=["x.count=32", "y.count=24", "block_cells=16"]))
     ledgers: list[Path] = []
     while not ledgers or b'"done"' not in ledgers[0].read_bytes():
@@ -175,7 +184,7 @@ def test_a_simulator_alone_is_not_ready(client: Client) -> None:
     process = subprocess.Popen([sys.executable, "-m", "bow_sweep", "simulator"])
     states: list = []
     client.node.create_subscription(Health, "health", lambda m: states.append((m.role, m.state)), 10)
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 60
     while len(states) < 3 and time.monotonic() < deadline:
         client.executor.spin_once(0.1)
     process.terminate()

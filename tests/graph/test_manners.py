@@ -121,7 +121,7 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
 
     recorder = here.start("recorder")
     here.start("classifier")
-    here.until(lambda: {m.role for m in here.health.values()} >= {"recorder", "classifier"}, "both are heard")
+    here.until(lambda: are_heard_by_coordinator(here, "recorder", "classifier"), "the coordinator hears both")
     handle = here.send()
     here.until(lambda: any(m.role == "coordinator" and m.run_id for m in here.health.values()), "the run opens")
     assert "is not finished; one sweep at a time" in refused(here)
@@ -175,6 +175,12 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
     assert shown.stamped
     assert shown.items["/bow/recorder: health"].hardware_id
     here.processes.pop("recorder")
+
+
+def are_heard_by_coordinator(here: Desk, *labels: str) -> bool:
+    """Return whether the coordinator's heartbeats say that those of nodes arrive."""
+    heard = [words.split()[0] for m in here.health.values() if m.role == "coordinator" for words in m.hears]
+    return all(here.incarnation(label) in heard for label in labels)
 
 
 def state_of(here: Desk, pid: int) -> int:

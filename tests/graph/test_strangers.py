@@ -152,6 +152,7 @@ def test_whatever_topics_and_clocks_are_called_the_sweep_goes_on_and_its_bag_is_
 ) -> None:
     with desk(tmp_path, *arguments) as here:
         here.start_all()
+        here.until(lambda: all(map(here.incarnation, here.processes)), "all are heard")
         began = time.monotonic()
         run = here.sweep()
         assert time.monotonic() - began < 40  # timers that stand still made a minute of it
@@ -171,7 +172,7 @@ def test_parameters_that_are_not_obeyed_cannot_be_set(tmp_path: Path) -> None:
             here.start("simulator" if label == "sim" else label, label if label == "sim" else "")
         for label, names in tried.items():
             client = here.node.create_client(SetParameters, f"/bow/{label}/set_parameters")
-            assert client.wait_for_service(30)
+            assert client.wait_for_service(60)
             for name in names:
                 value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="/elsewhere")
                 request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])

@@ -1,5 +1,6 @@
 """A study of real processes: killed in the middle, gone on with, and the same maps as sweeps alone."""
 
+import contextlib
 import json
 import os
 import signal
@@ -49,10 +50,10 @@ class Command:
         """SIGKILL to it and all its descendants."""
         if self.process.poll() is None:
             everything = [psutil.Process(self.process.pid), *psutil.Process(self.process.pid).children(recursive=True)]
-            for process in everything:
-                process.suspend()  # so that nobody has time to notice
-            for process in everything:
-                process.kill()
+            for do in (psutil.Process.suspend, psutil.Process.kill):  # nobody has time to notice
+                for process in everything:
+                    with contextlib.suppress(psutil.NoSuchProcess):
+                        do(process)
         self.process.wait(PATIENCE_S)
 
 

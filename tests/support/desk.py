@@ -92,7 +92,7 @@ class Desk:
 
     def send(self, *settings: str, preset: str = "fig11d") -> Any:
         """Send a goal; return its handle."""
-        assert self.action.wait_for_server(30)
+        assert self.action.wait_for_server(PATIENCE_S)
         spec = SweepSpec(preset=preset, settings=[*SETTINGS, *settings])
         handle = self.wait(self.action.send_goal_async(RunSweep.Goal(spec=spec)))
         assert handle.accepted

@@ -183,6 +183,14 @@ def sweeping(directory: Path, *arguments: str, module: str = "bow_sweep", outer:
         sweep.stop()
 
 
+@contextlib.contextmanager
+def gated(gate: Path) -> Iterator[None]:
+    """Give processes that are started meanwhile the environment of :mod:`gated_simulator`."""
+    support = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    with mock.patch.dict(os.environ, {GATE: str(gate), "PYTHONPATH": os.pathsep.join(support)}):
+        yield
+
+
 class Halted(Sweep):
     """A sweep of which each simulator waits when it has published some chunks.
 
@@ -192,8 +200,7 @@ class Halted(Sweep):
     def __init__(self, directory: Path, *arguments: str, chunks: int) -> None:
         self._gate = directory.with_suffix(".gate")
         self.let(chunks)
-        support = [str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
-        with mock.patch.dict(os.environ, {GATE: str(self._gate), "PYTHONPATH": os.pathsep.join(support)}):
+        with gated(self._gate):
             super().__init__(directory, *arguments, module="gated_simulator")
 
     def let(self, chunks: int) -> None:

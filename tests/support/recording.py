@@ -236,7 +236,7 @@ class Graph:
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.02)
 
-    def until(self, condition: Callable[[], bool], what: str, timeout: float = 30.0) -> None:
+    def until(self, condition: Callable[[], bool], what: str, timeout: float = 60.0) -> None:
         """Spin until a condition holds; after a time limit fail, naming the condition."""
         end = time.monotonic() + timeout
         while not condition():
@@ -265,7 +265,7 @@ class Graph:
         """SIGTERM the recorder; return its exit status."""
         assert self.process is not None
         self.process.send_signal(signal.SIGTERM)
-        status = self.process.wait(20)
+        status = self.process.wait(60)
         self.process = None
         return status
 

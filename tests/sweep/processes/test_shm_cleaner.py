@@ -41,7 +41,13 @@ sys.stdin.read()
 """
 """A process with shared memory as Fast DDS uses it: locked files, and mapped files."""
 
-LENT = SHARED / f"fast_datasharing_01.0f.{os.getpid() % 256:02x}.{os.getpid() // 256 % 256:02x}.PID.f1.4e.00.00.00.00_0.0.14.3"
+
+def lowest(number: int) -> str:
+    """Return the lowest two bytes of a number as Fast DDS writes them."""
+    return f"{number % 256:02x}.{number // 256 % 256:02x}"
+
+
+LENT = SHARED / f"fast_datasharing_01.0f.{lowest(os.getpid())}.PID.f1.4e.00.00.00.00_0.0.14.3"
 
 
 def lock(file: Path) -> Path:
@@ -64,7 +70,7 @@ def holding(*files: Path) -> Iterator[subprocess.Popen[bytes]]:
 
 def lent_by(pid: int) -> Path:
     """Return the file, as Fast DDS names it, that a process lends."""
-    return Path(str(LENT).replace("PID", f"{pid % 256:02x}.{pid // 256 % 256:02x}"))
+    return Path(str(LENT).replace("PID", lowest(pid)))
 
 
 def wait_until(what: Callable[[], bool]) -> None:
@@ -97,7 +103,8 @@ def watched(cleaner: ShmCleaner, folder: Path) -> Iterator[subprocess.Popen[byte
 def nothing_stays() -> Iterator[None]:
     """Also after a test that fails."""
     yield
-    for file in (SEGMENT, PORT, lock(SEGMENT), lock(PORT), SEMAPHORE, *SHARED.glob(LENT.name.replace("PID.f1.4e", "*"))):
+    lent = SHARED.glob(LENT.name.replace("PID.f1.4e", "*"))
+    for file in (SEGMENT, PORT, lock(SEGMENT), lock(PORT), SEMAPHORE, *lent):
         file.unlink(missing_ok=True)
 
 
