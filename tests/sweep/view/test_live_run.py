@@ -156,17 +156,20 @@ def test_accounts_are_written_once_a_second(live, clock):
 
 @pytest.mark.alone
 def test_a_map_costs_a_sweep_next_to_nothing(tmp_path):
-    """The budget is 0.3 s of CPU for the fifteen maps of a sweep; busy neighbours may double what is measured."""
-    shown = LiveRun(tmp_path, plan(nx=128, ny=64))
+    """The budget is 0.3 s of CPU for the fifteen maps of a sweep. The first sweep of a process loads libraries too."""
     maps = [basin_map(128, 64, computed=n * 8192 // 15) for n in range(1, 16)]
-    shown.map(maps[0])  # draws the axes
-    began = time.process_time()
-    for values in maps:
-        shown._next_draw_at = 0.0
-        shown.map(values)
-    shown.finish([])
-    assert shown.drawn == 17
-    assert time.process_time() - began < 0.6
+    used = []
+    for number in range(3):
+        shown = LiveRun(tmp_path / str(number), plan(nx=128, ny=64))
+        shown.map(maps[0])  # draws the axes
+        began = time.process_time()
+        for values in maps:
+            shown._next_draw_at = 0.0
+            shown.map(values)
+        shown.finish([])
+        used.append(time.process_time() - began)
+        assert shown.drawn == 17
+    assert min(used) < 0.3, used
 
 
 def test_the_plan_knows_better_than_the_map_what_is_done():
