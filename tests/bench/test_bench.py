@@ -111,7 +111,7 @@ def test_a_map_through_a_standing_graph_is_measured_process_by_process(tmp_path:
 
 @pytest.mark.usefixtures("ros_domain")
 def test_a_sweep_is_measured_stage_by_stage_and_process_by_process(tmp_path: Path) -> None:
-    one = graph.graph(4, 2, 1, tmp_path / "run", ["--periods", "20"])
+    one = graph.graph(4, 2, 1, tmp_path / "run", ["--periods", "2000"])  # all of them live for a while
     stages = list(one["stages_s"].values())
     assert stages == sorted(stages)
     assert {"bow sweep", "coordinator", "recorder", "classifier", "dashboard", "simulator_1"} <= one["processes"].keys()

@@ -132,7 +132,7 @@ def test_what_is_started_again_is_no_module_of_the_working_directory(
     directory = shadows.parent / "run"
     instead = ["bash", "-c", f'shift 3; exec {BOW[0]} "$@"', "bash"]  # of python -m module
     with sweeping(directory, *SMALL, "--out", str(directory), outer=instead) as sweep:
-        sweep.wait_until(lambda: sweep.done_blocks() >= 2)
+        sweep.wait_until((directory / "ledger.jsonl").exists)
         sweep.kill("simulator_1")
         assert sweep.wait() == 0, sweep.text
     monkeypatch.undo()

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from graph import bow, sweeping, verified
+from graph import bow, halted, verified
 
 from bow_sweep.record.bag import station_bags
 from bow_sweep.run.ledger_file import done_at, read_leniently
@@ -17,7 +17,7 @@ SWEEP = ["fig11d", "--nx", "32", "--ny", "32", "--set", "block_cells=32", "--no-
 
 def test_a_run_that_is_killed_whole_is_resumed_when_its_bags_are_collected(tmp_path: Path) -> None:
     run, there = tmp_path / "run", tmp_path / "there"
-    with sweeping(run, *SWEEP, "--simulators", "2", "--stations", "2", "--out", str(run)) as sweep:
+    with halted(run, *SWEEP, "--simulators", "2", "--stations", "2") as sweep:
         sweep.wait_until(lambda: set(done_at(read_leniently(run).entries).values()) == {"station_1", "station_2"})
         sweep.stop()
     before = done_at(read_leniently(run).entries)

@@ -1,14 +1,13 @@
 """What the viewer paints while a sweep runs: every cell in the colour that the legend gives to its value.
 
 One sweep is watched by two viewers: one that is open from its beginning, as `--view` opens it, and one that connects in
-the middle of it. It is halted once by stopping its simulators, so that both can be held against the same map. Then its
-dashboard is killed, and the next one goes on with file and viewer.
+the middle of it. There its simulators wait, so that both can be held against the same map. Then its dashboard is
+killed, and the next one goes on with file and viewer.
 """
 
 from __future__ import annotations
 
 import json
-import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,7 +18,8 @@ import psutil
 import pytest
 import rclpy
 from bow_msgs.msg import BasinMap
-from graph import sweeping
+from domains import own_domain
+from graph import halted
 from live_viewer import (
     PATIENCE_S,
     HeadlessViewer,
@@ -45,7 +45,10 @@ from bow_sweep.maps.plane import Snapshot
 from bow_sweep.view.viewer import uri_of
 
 NX, NY = 24, 12
-SWEEP = ["fig11d", "--nx", str(NX), "--ny", str(NY), "--periods", "200", "--set", "block_cells=8"]
+SWEEP = ["fig11d", "--nx", str(NX), "--ny", str(NY), "--periods", "200", "--set", "block_cells=8", "--simulators", "2"]
+
+HALF = 410
+"""Chunks that each of them publishes by then: ten of 36 blocks of 40 chunks."""
 
 LIVE = ("/map", "/tests/correlation", "/tests/slips", "/tests/corners", "/regime")
 VIEWS = (*LIVE, "/terrain")
@@ -141,20 +144,16 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Seen]]:
     folder = tmp_path_factory.mktemp("live")
     run = folder / "run"
     found: dict[str, Seen] = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", "100")
+    with own_domain(), pytest.MonkeyPatch.context() as patch:
         patch.setenv("DISPLAY", ":77")  # the stand-in opens no window
         patch.setenv("RERUN_CLI_PATH", str(headless_stand_in(folder / "rerun")))
         viewers: list[int] = []
         try:
-            with sweeping(run, *SWEEP, "--view", "--out", str(run)) as sweep:
+            with halted(run, *SWEEP, "--view", chunks=HALF) as sweep:
                 sweep.wait_until(lambda: bool(ports_of([one.pid for one in family(sweep.process.pid)])))
                 viewers += [one.pid for one in family(sweep.process.pid) if ports_of([one.pid])]
                 early = HeadlessViewer(uri_of(ports_of(viewers)[0]))
                 sweep.wait_until(lambda: sweep.done_blocks() >= NX * NY // 8 // 2)
-                simulators = sweep.children("simulator")
-                for simulator in simulators:
-                    simulator.send_signal(signal.SIGSTOP)
                 half = snapshot_of(run, latest_map(run_of(run)))
                 assert 0.2 < np.isnan(half.transient_periods).mean() < 0.8
                 found["open from the beginning, map half done"] = Seen(half).look(early, LIVE)
@@ -162,8 +161,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Seen]]:
                     found["connected in the middle, map half done"] = Seen(half).look(late, LIVE)
                 sweep.kill("dashboard")  # the next one sends everything again to the viewer that is open
                 sweep.wait_until(lambda: "dashboard ended" in sweep.text and bool(sweep.children("dashboard")))
-                for simulator in simulators:
-                    simulator.send_signal(signal.SIGCONT)
+                sweep.go_on()
                 assert sweep.wait() == 0, sweep.text
                 whole = finished(run)
                 found["open from the beginning, map done"] = Seen(whole).look(early, VIEWS)
