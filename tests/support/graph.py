@@ -192,10 +192,7 @@ def gated(gate: Path) -> Iterator[None]:
 
 
 class Halted(Sweep):
-    """A sweep of which each simulator waits when it has published some chunks.
-
-    Nothing that the test does to it comes too late, however busy the machine is.
-    """
+    """A sweep that is not over before the test lets it go on, however busy the machine is."""
 
     def __init__(self, directory: Path, *arguments: str, chunks: int) -> None:
         self._gate = directory.with_suffix(".gate")
@@ -214,7 +211,10 @@ class Halted(Sweep):
 
 @contextlib.contextmanager
 def halted(directory: Path, *arguments: str, chunks: int = 50) -> Iterator[Halted]:
-    """Start a sweep into `directory` that waits in its middle, after two and a half blocks of 100 periods."""
+    """Start a sweep into `directory` that waits in its middle; kill what is left of it in the end.
+
+    Each simulator waits when it has published so many `chunks`: two and a half blocks of 100 periods.
+    """
     sweep = Halted(directory, *arguments, "--out", str(directory), chunks=chunks)
     try:
         yield sweep
