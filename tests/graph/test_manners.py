@@ -40,7 +40,7 @@ MOST_WAITS = 8
 def kind_of(text: str) -> str:
     """Return which of the expected lines this is."""
     if text.startswith(("ready in ", "waiting", "waits ")):
-        return text.split(maxsplit=1)[0]
+        return text.split(maxsplit=1)[0].removesuffix(":")
     found = re.fullmatch(r"run [0-9a-f]{16}(: (?P<percent>\d+) %,| (?P<what>opens:|closes[:,])).*", text)
     return found["percent"] or found["what"][:6] if found else f"not expected: {text}"
 
