@@ -160,7 +160,8 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Seen]]:
                 with headless_viewer(early.uri) as late:
                     found["connected in the middle, map half done"] = Seen(half).look(late, LIVE)
                 sweep.kill("dashboard")  # the next one sends everything again to the viewer that is open
-                sweep.wait_until(lambda: "dashboard ended" in sweep.text and bool(sweep.children("dashboard")))
+                sweep.wait_until(lambda: (run / "log" / "dashboard.log").read_text().count(" opens:") == 2)
+                assert "dashboard ended" in sweep.text
                 sweep.go_on()
                 assert sweep.wait() == 0, sweep.text
                 whole = finished(run)
