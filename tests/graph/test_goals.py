@@ -137,6 +137,7 @@ def test_a_cancelled_sweep_closes_its_bag_and_can_be_resumed(nodes: Path, client
     answer = client.until(goal.get_result_async())  # type: ignore[attr-defined]
     assert answer.status == GoalStatus.STATUS_CANCELED  # type: ignore[attr-defined]
     run = ledgers[0].parent
+    assert ledgers[0].read_bytes().count(b'"done"') <= 2, "the simulator has waited"
     assert (run / "bag" / "metadata.yaml").exists()
     with sweeping(run, "--resume", str(run)) as sweep:
         assert sweep.wait() == 0, sweep.text
