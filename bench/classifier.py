@@ -47,7 +47,7 @@ def chunks_of(p: Parameters, lanes: dict[str, NDArray[np.float64]]) -> Chunks:
     for _ in range(p.chunks):
         chunk = block.advance()
         intervals = Intervals(chunk.slipping, chunk.offsets, chunk.onset, chunk.duration, chunk.slip)
-        chunks.append((chunk.bridge_force.copy(), intervals.copied()))
+        chunks.append((chunk.bridge_force.copy(), intervals.prepared()))
     return chunks
 
 
