@@ -10,6 +10,7 @@ the paper describes as closely spaced (section IV.A), are often separate slips.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ _EIGHT_FACTORS = np.append(FACTORS, np.full(LANES - len(FACTORS), np.inf))
 
 _NEVER = np.int64(-(2**62))
 
-_KINDS = tuple(map(np.dtype, (np.uint8, np.uint32, np.uint32, np.uint32, np.float64)))
+_KINDS = (np.uint8, np.uint32, np.uint32, np.uint32, np.float64)
 """Types of the arrays of `Intervals`."""
 
 
@@ -58,13 +59,9 @@ class Intervals(NamedTuple):
     slip: NDArray[np.float64]
 
     def prepared(self) -> Intervals:
-        """Return arrays of the one type that the pass is compiled for; others, as unaligned ones of a message, copied."""
-        return Intervals(
-            *(
-                array if array.dtype == kind and array.flags.carray else np.array(array, kind)
-                for array, kind in zip(self, _KINDS, strict=True)
-            )
-        )
+        """Return arrays of the types that the pass is compiled for; one of another, as of a message, is copied."""
+        arrays: Iterable[tuple[NDArray[Any], type[Any]]] = zip(self, _KINDS, strict=True)
+        return Intervals(*(x if x.dtype == kind and x.flags.carray else np.array(x, kind) for x, kind in arrays))
 
 
 class SlipState(NamedTuple):
@@ -138,8 +135,8 @@ def are_in_order(intervals, cells, samples):
         if end < first or end > count:
             return False
         if 0 < first < end:
-            k = np.int64(first) - 1
-            borders += int(np.int64(onset[first]) <= np.int64(onset[k]) + np.int64(duration[k]))
+            past = np.int64(first) - 1
+            borders += int(np.int64(onset[first]) <= np.int64(onset[past]) + np.int64(duration[past]))
     outside, overlaps = 0, 0
     for k in range(count):  # no branches, so that several intervals are compared at once
         outside += int((duration[k] < 1) | (np.int64(onset[k]) + np.int64(duration[k]) > samples))
