@@ -29,9 +29,6 @@ from bow_sim.simd.lanes import LANES
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
 
-FLAT = {**LEAN, "forceinline": True}
-"""For functions with so many arrays that a call takes longer to copy them than to do the rest."""
-
 DISORDER = -2
 """What the pass returns for slip intervals that cannot be."""
 
@@ -179,7 +176,7 @@ def _needs_ripple(i, features, limits):
     return one or (corners > 2 * limits.periods and features.corner_clusters[i] < FEW)
 
 
-@part(**FLAT)
+@part(**LEAN)
 def _measure_cell(i, before, row, near, setup, features, workspace):
     """Write corners, long period and ripples of cell i to the features, which have the first two tests already.
 
@@ -203,7 +200,7 @@ def _measure_cell(i, before, row, near, setup, features, workspace):
     )
 
 
-@part(**FLAT)
+@part(**LEAN)
 def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, workspace, onsets, stops, beat, transient):
     """Write what has a memory longer than the record of cell i: the beat of a wolf, and Guettler's transient.
 
