@@ -21,7 +21,7 @@ from bow_sim.simd.lanes import LANES, absolute, choose
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 bits_of: Any = lanes.bits_of
-count_of: Any = lanes.count_of
+count_of: Any = bits.count_of
 lowest_bit: Any = lanes.lowest_bit
 find_onsets: Any = bits.find_onsets
 mask_of: Any = lanes.mask_of

@@ -176,22 +176,6 @@ def lowest_bit(typingctx: Any, bits: Any) -> Any:
     return types.int64(types.uint64), codegen
 
 
-@intrinsic
-def count_of(typingctx: Any, lanes: Any) -> Any:
-    """Return the sum of lanes that are whole numbers, whose order makes no difference."""
-    if not isinstance(lanes, LanesType):
-        return None
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        total, number = args[0], ir.IntType(32)
-        for apart in (4, 2, 1):
-            order = ir.Constant(ir.VectorType(number, LANES), [(lane + apart) % LANES for lane in range(LANES)])
-            total = builder.fadd(total, builder.shuffle_vector(total, total, order))
-        return builder.extract_element(total, number(0))
-
-    return lanes.dtype(lanes), codegen
-
-
 # Arithmetic
 
 

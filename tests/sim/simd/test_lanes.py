@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numba import njit
 
+from bow_sim.simd.bits import count_of
 from bow_sim.simd.lanes import (
     LANES,
     absolute,
     aligned,
     bits_of,
     choose,
-    count_of,
     load,
     lowest_bit,
     mask_of,
