@@ -7,7 +7,7 @@ an anomalous low frequency, only four slips may end in a window of a perfectly r
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,7 @@ from bow_classifier.verdict.decision import Decision, Features, Limits
 from bow_classifier.verdict.regimes import is_helmholtz
 from bow_classifier.verdict.thresholds import Thresholds
 from bow_sim.physics.parameters import Parameters
+from bow_sim.simd.jit import entry
 from bow_sim.simd.lanes import LANES
 
 
@@ -162,6 +163,7 @@ class BlockClassifier:
             Releases.none(0 if self._rise is None else cells),
         )
         self._chunks = 0
+        self._entry: Any = None  # the pass, compiled; the types of its arguments stay the same
         self.features: Features | None = None
         self.decision: Decision | None = None
 
@@ -186,8 +188,11 @@ class BlockClassifier:
         if bridge_force.shape != window:
             raise ValueError(f"bridge force {bridge_force.shape}: should be (cells, samples) = {window}")
         result = Result(Features.empty(self._beta), Decision.empty(len(self._beta)))
-        chunk = Chunk(_read_only(bridge_force), intervals.copied(), self._chunks)
-        wrong = classify_cells(self._state, chunk, self._setup_now(), result)
+        chunk = Chunk(_read_only(bridge_force), intervals.prepared(), self._chunks)
+        arguments = self._state, chunk, self._setup_now(), result
+        if self._entry is None:
+            self._entry = entry(classify_cells, arguments)
+        wrong = self._entry(*arguments)
         if wrong == DISORDER:
             raise ValueError(f"slip intervals: should be in order, separate, and within {window[1]} samples")
         if wrong >= 0:

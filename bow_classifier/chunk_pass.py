@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
-from bow_classifier.features.next_rows import FIRST_TEST, NextRows, fetch_before, fetch_samples, fetch_share
+from bow_classifier.features.next_rows import NextRows, fetch_before, fetch_intervals, fetch_row, fetch_samples
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, are_in_order, count_slips, first_discontinuity
@@ -140,7 +140,7 @@ class _Workspace(NamedTuple):
 def _workspace(samples, start, period, lags, wolf):
     return _Workspace(
         np.zeros(start + samples, np.float32),
-        periodicity_workspace(period, lags.first, lags.last),
+        periodicity_workspace(samples, period, lags.first, lags.last),
         EightMaxima(np.empty(LANES), np.empty(LANES), np.empty(LANES)),
         np.empty(LANES),
         np.empty(samples // 2 + 2, np.int64),
@@ -236,10 +236,11 @@ def _classify_all(state, chunk, setup, result, workspace):
         ahead = NextRows(bridge_force, before, near, group + LANES, min(LANES, max(cells - group - LANES, 0)))
         if state.wolf.power.shape[0] > 0:
             keep_power(eight, chunk.number, period, state.wolf, workspace.wolf)
-        correlate_eight(eight, period, lags.first, lags.last, workspace.periodicity, ahead, maxima)
+        correlate_eight(eight, period, lags.first, lags.last, workspace.periodicity, maxima)
+        fetch_intervals(intervals, ahead)
         for lane in range(number):
             i = group + lane
-            fetch_share(ahead, FIRST_TEST + lane)
+            fetch_row(ahead, lane)
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
             if not features.correlation[i] > limits.correlation:  # long periods may be searched for

@@ -21,12 +21,12 @@ from bow_sim.simd.lanes import LANES, absolute, choose
 
 load: Any = lanes.load  # for the type checker: intrinsics are called without their first argument
 bits_of: Any = lanes.bits_of
+count_of: Any = bits.count_of
 lowest_bit: Any = lanes.lowest_bit
 find_onsets: Any = bits.find_onsets
 mask_of: Any = lanes.mask_of
 nonzero: Any = bits.nonzero
 spread: Any = lanes.spread
-store: Any = lanes.store
 flipped: Any = columns.flipped
 
 _NONE = np.uint64(1 << LANES)
@@ -61,28 +61,19 @@ class Workspace(NamedTuple):
     ----------
     levels
         (factors,) float32: the thresholds.
-    tally
-        (factors,) float32: how many corners exceed each of them.
-    counts
-        (factors * 8,) float32: the same in each of eight lanes.
     found
         (samples / 8, rounded up to `BYTES`,) uint8: where a corner may be, as bits, the lowest first.
     """
 
     levels: Any
-    tally: Any
-    counts: Any
     found: Any
 
 
 @part(nogil=True, error_model="numpy")
 def corner_workspace(samples):
     """Return the workspace for windows of `samples`."""
-    factors = FACTORS.shape[0]
     return Workspace(
-        np.empty(factors, np.float32),
-        np.empty(factors, np.float32),
-        np.empty(factors * LANES, np.float32),
+        np.empty(FACTORS.shape[0], np.float32),
         np.zeros(-(-samples // (LANES * BYTES)) * BYTES, np.uint8),
     )
 
@@ -131,7 +122,7 @@ def count_corners(row, start, delay, level, gap, workspace):
         Samples; two corners further apart belong to different clusters.
     workspace : Workspace
     """
-    levels, tally, counts, found = workspace
+    levels, found = workspace
     end = row.shape[0]
     for k in range(FACTORS.shape[0]):
         levels[k] = FACTORS[k] * level
@@ -167,14 +158,5 @@ def count_corners(row, start, delay, level, gap, workspace):
                 clusters += int(t - latest > near)
                 latest = t
                 bits &= bits - np.uint64(1)
-    store(counts, 0, a)
-    store(counts, LANES, b)
-    store(counts, 2 * LANES, c)
-    store(counts, 3 * LANES, d)
-    store(counts, 4 * LANES, e)
-    for k in range(FACTORS.shape[0]):
-        total = np.float32(0.0)
-        for lane in range(LANES):
-            total += counts[k * LANES + lane]
-        tally[k] = total
+    tally = (count_of(a), count_of(b), count_of(c), count_of(d), count_of(e))
     return Corners(int(tally[0]), clusters, sureness(tally))

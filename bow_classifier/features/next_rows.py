@@ -1,25 +1,21 @@
 """Fetching the rows of the next cells into the cache while other work goes on.
 
 A chunk is larger than the cache, and waiting for its rows took a fifth of the time. A processor has only some tens of
-requests to memory under way at once: a fetch of all rows together would wait as well, so it is done a share at a time.
+requests to memory under way at once: a fetch of all rows together would wait as well, so a row is fetched with each
+cell.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import columns
 from bow_sim.simd.jit import part
-from bow_sim.simd.lanes import LANES
 
 prefetch: Any = columns.prefetch  # for the type checker: intrinsics are called without their first argument
-
-FIRST_TEST = 15
-"""Shares of the bridge force that are fetched in the first test, three in each of five periods."""
-
-SHARES = FIRST_TEST + LANES
-"""All shares: one more with each of the cells after the first test."""
 
 _LINE = 16
 """Samples of float32 in a cache line."""
@@ -48,10 +44,11 @@ class NextRows(NamedTuple):
 
 
 @part(**LEAN)
-def fetch_share(rows, share):
-    """Fetch one of the `SHARES` of the bridge force, without waiting for it; they count from 0."""
-    begin, size = rows.first * rows.bridge_force.shape[1], rows.number * rows.bridge_force.shape[1]
-    fetch_samples(rows.bridge_force, begin + size * share // SHARES, begin + size * (share + 1) // SHARES)
+def fetch_row(rows, lane):
+    """Fetch the bridge force of one of the rows, without waiting for it; lanes count from 0."""
+    if lane < rows.number:
+        end = (rows.first + lane + 1) * rows.bridge_force.shape[1]
+        fetch_samples(rows.bridge_force, end - rows.bridge_force.shape[1], end)
 
 
 @part(**LEAN)
@@ -68,3 +65,15 @@ def fetch_samples(array, begin, end):
     for at in range(begin, end, _LINE):
         prefetch(array, at)
     prefetch(array, end - 1)
+
+
+@part(**LEAN)
+def fetch_intervals(intervals, rows):
+    """Fetch the slip intervals of the rows, without waiting for them."""
+    if rows.number > 0:
+        begin, end = np.int64(intervals.offsets[rows.first]), np.int64(intervals.offsets[rows.first + rows.number])
+        for at in range(begin, end, _LINE):
+            prefetch(intervals.onset, at)
+            prefetch(intervals.duration, at)
+            prefetch(intervals.slip, at)
+            prefetch(intervals.slip, at + _LINE // 2)

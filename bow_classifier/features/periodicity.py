@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_classifier.features.next_rows import fetch_share
 from bow_classifier.features.windows import line_aligned, take_window
 from bow_classifier.verdict.fingerprint import LEAN
 from bow_sim.simd import columns as transposition
@@ -30,9 +29,6 @@ columns: Any = transposition.columns
 CONSTANT = 1e-13
 """A window is constant if its variation is no more than this share of its sum of squares: rounding makes as much."""
 
-_KEPT = 2
-"""Windows that are kept at a time."""
-
 _MANY, _FEW = 11, 6
 """Lags whose products are summed together, so that each sample is read once for all of them.
 
@@ -48,8 +44,7 @@ class Workspace(NamedTuple):
     Attributes
     ----------
     x
-        (samples * 8,): the bridge force, less a sample of each cell, in `_KEPT` windows and before them. It is used in
-        turns, to stay in the cache next to the processor.
+        (samples * 8,): the bridge force, less a sample of each cell, in all windows and before them.
     level
         (8,): that sample.
     products
@@ -89,10 +84,10 @@ def _rows_before(last, period):
 
 
 @part(nogil=True, error_model="numpy")
-def periodicity_workspace(period, first, last):
-    """Return the workspace for a nominal period and the lags first ... last, all samples."""
+def periodicity_workspace(samples, period, first, last):
+    """Return the workspace for a chunk, a nominal period and the lags first ... last, all samples."""
     lags = last - first + 1
-    x = line_aligned((_rows_before(last, period) + _KEPT * period + LANES + _MANY) * LANES)
+    x = line_aligned((_rows_before(last, period) + samples + LANES + _MANY) * LANES)
     return Workspace(x, np.zeros(LANES), line_aligned((lags + _MANY) * LANES), line_aligned(lags * LANES))
 
 
@@ -104,13 +99,6 @@ def _take_before(cells, n, last, less, x, place):
         at = max(end - back, 0)
         columns(before, cells.first * end + at, end, cells.number, less, x, (place - end + at) * LANES)
     return take_window(before, cells, end - n, n, less, x, place - n)
-
-
-@part(**LEAN)
-def _move_rows(x, source, target, count):
-    """Copy rows of x to an earlier place."""
-    for row in range(count):
-        store(x, (target + row) * LANES, load(x, (source + row) * LANES))
 
 
 @part(**LEAN)
@@ -134,30 +122,25 @@ def _add_coefficient(products, at, mean, variation, total, square, floor, one_nt
 
 
 @part(**LEAN)
-def _correlations(cells, less, windows, n, first, last, workspace, ahead):
+def _correlations(cells, less, windows, n, first, last, workspace):
     """Write the correlations at lags last ... first to r; return the sums of x and of x squared over all windows.
 
     They are averages over the windows of n samples; NaN where a window is constant. At a lag of n the earlier window is
     the one before, whose sums are known; at the other lags they are updated sample by sample.
     """
     x, _, products, r = workspace
-    start = begin = _rows_before(last, n)
+    start = _rows_before(last, n)
     r[:] = 0.0
     one_nth = 1.0 / n
     sum_total, sum_square = spread(0.0), spread(0.0)
     earlier, earlier_square = _take_before(cells, n, last, less, x, start)
     for w in range(windows):
-        if begin == start + _KEPT * n:
-            _move_rows(x, begin - last - 1, start - last - 1, last + 1)
-            begin = start
-        fetch_share(ahead, 3 * w)
+        begin = start + w * n
         total, square = take_window(cells.bridge_force, cells, w * n, n, less, x, begin)
-        fetch_share(ahead, 3 * w + 1)
         variation = square - total * total * one_nth
         variation = choose(variation > square * CONSTANT, variation, np.nan)
         mean, floor = total * one_nth, earlier_square * CONSTANT
         _products(x, begin, n, last, last - first + 1, products)
-        fetch_share(ahead, 3 * w + 2)
         up, up_square = earlier, earlier_square
         for lag in range(n, last + 1):
             _add_coefficient(products, (last - lag) * LANES, mean, variation, up, up_square, floor, one_nth, r)
@@ -176,7 +159,6 @@ def _correlations(cells, less, windows, n, first, last, workspace, ahead):
             )
         earlier, earlier_square = total, square
         sum_total, sum_square = sum_total + total, sum_square + square
-        begin += n
     for i in range(0, r.shape[0], LANES):
         store(r, i, load(r, i) / windows)
     return sum_total, sum_square
@@ -202,7 +184,7 @@ def _best_maximum(r):
 
 
 @part(**LEAN)
-def correlate_eight(cells, period, first, last, workspace, ahead, result):
+def correlate_eight(cells, period, first, last, workspace, result):
     """Write the result of the first test for eight cells to `result`.
 
     Parameters
@@ -215,8 +197,6 @@ def correlate_eight(cells, period, first, last, workspace, ahead, result):
     first, last : int
         Lags searched, samples, both included; the nominal period lies between them.
     workspace : Workspace
-    ahead : NextRows
-        The first shares of their bridge force are fetched.
     result : EightMaxima
         Changed in place.
     """
@@ -224,7 +204,7 @@ def correlate_eight(cells, period, first, last, workspace, ahead, result):
     for lane in range(LANES):
         i = cells.first + min(lane, cells.number - 1)
         level[lane] = np.float64(cells.bridge_force[i, 0])  # near the mean: the sums then cancel less
-    total, square = _correlations(cells, load(level, 0), samples // period, period, first, last, workspace, ahead)
+    total, square = _correlations(cells, load(level, 0), samples // period, period, first, last, workspace)
     best, place = _best_maximum(workspace.correlations)
     store(result.height, 0, best)
     store(result.lag, 0, -place + np.float64(last))

@@ -10,6 +10,7 @@ the paper describes as closely spaced (section IV.A), are often separate slips.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,9 @@ _EIGHT_FACTORS = np.append(FACTORS, np.full(LANES - len(FACTORS), np.inf))
 """The same in eight lanes; no slip exceeds the last ones."""
 
 _NEVER = np.int64(-(2**62))
+
+_KINDS = (np.uint8, np.uint32, np.uint32, np.uint32, np.float64)
+"""Types of the arrays of `Intervals`."""
 
 
 class Intervals(NamedTuple):
@@ -54,10 +58,10 @@ class Intervals(NamedTuple):
     duration: NDArray[np.uint32]
     slip: NDArray[np.float64]
 
-    def copied(self) -> Intervals:
-        """Return copies of the types that the kernel is compiled for: arrays of a message may be unaligned."""
-        kinds = np.uint8, np.uint32, np.uint32, np.uint32, np.float64
-        return Intervals(*(np.array(array, kind) for array, kind in zip(self, kinds, strict=True)))
+    def prepared(self) -> Intervals:
+        """Return arrays of the types that the pass is compiled for; one of another, as of a message, is copied."""
+        arrays: Iterable[tuple[NDArray[Any], type[Any]]] = zip(self, _KINDS, strict=True)
+        return Intervals(*(x if x.dtype == kind and x.flags.carray else np.array(x, kind) for x, kind in arrays))
 
 
 class SlipState(NamedTuple):
@@ -125,16 +129,21 @@ def are_in_order(intervals, cells, samples):
         return False
     if duration.shape[0] != count or intervals.slip.shape[0] != count or offsets[0] != 0 or offsets[cells] != count:
         return False
+    borders = 0  # where the first interval of a cell is not after the last one of the cell before, as it need not be
     for i in range(cells):
-        if offsets[i + 1] < offsets[i] or offsets[i + 1] > count:
+        first, end = offsets[i], offsets[i + 1]
+        if end < first or end > count:
             return False
-        end = np.int64(-1)
-        for k in range(offsets[i], offsets[i + 1]):
-            begin, length = np.int64(onset[k]), np.int64(duration[k])
-            if begin <= end or length < 1 or begin + length > samples:
-                return False
-            end = begin + length
-    return True
+        if 0 < first < end:
+            past = np.int64(first) - 1
+            borders += int(np.int64(onset[first]) <= np.int64(onset[past]) + np.int64(duration[past]))
+    outside, overlaps = 0, 0
+    for k in range(count):  # no branches, so that several intervals are compared at once
+        outside += int((duration[k] < 1) | (np.int64(onset[k]) + np.int64(duration[k]) > samples))
+    later = onset[1:]
+    for k in range(later.shape[0]):
+        overlaps += int(np.int64(later[k]) <= np.int64(onset[k]) + np.int64(duration[k]))
+    return outside == 0 and overlaps == borders
 
 
 @part(**LEAN)

@@ -1,4 +1,4 @@
-"""Comparisons of many samples at once, as bits of a number: the lowest bit is that of the first sample."""
+"""Comparisons of many samples at once, as bits of a number: the lowest bit is that of the first sample; and counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import types
 from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lane_types import LANES_OF, broadcast, element_aligned, in_halves, pointer
+from bow_sim.simd.lane_types import LANES, LANES_OF, LanesType, broadcast, element_aligned, in_halves, pointer
 
 MANY = 16
 """Samples of float32 in the widest registers, those of AVX-512."""
@@ -79,3 +79,19 @@ def nonzero(typingctx: Any, x: Any, i: Any) -> Any:
         return builder.bitcast(found, ir.IntType(BYTES))
 
     return types.uint64(x, types.intp), codegen
+
+
+@intrinsic
+def count_of(typingctx: Any, lanes: Any) -> Any:
+    """Return the sum of lanes that are whole numbers, whose order makes no difference."""
+    if not isinstance(lanes, LanesType):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        total, number = args[0], ir.IntType(32)
+        for apart in (4, 2, 1):
+            order = ir.Constant(ir.VectorType(number, LANES), [(lane + apart) % LANES for lane in range(LANES)])
+            total = builder.fadd(total, builder.shuffle_vector(total, total, order))
+        return builder.extract_element(total, number(0))
+
+    return lanes.dtype(lanes), codegen

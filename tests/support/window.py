@@ -81,7 +81,7 @@ def measure(
     before.flags.writeable = False
     block = BlockState(before, state or SlipState.at_rest(cells), WolfState.empty(0, 5), Releases.none(0))
     result = Result(Features.empty(np.full(cells, 15 / 139)), Decision.empty(cells))
-    chunk = Chunk(force, (intervals or no_slips(cells)).copied(), 0)
+    chunk = Chunk(force, (intervals or no_slips(cells)).prepared(), 0)
     wrong = classify_cells(block, chunk, Setup(strings, Lags(*near, *long), usual, start), result)
     assert wrong == -1, f"the slips of cell {wrong} do not continue the chunk before, or cannot be"
     return result.features

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
+from bow_sim.simd.bits import count_of
 from bow_sim.simd.lanes import (
     LANES,
     absolute,
@@ -86,6 +87,16 @@ def test_the_lowest_bit_of_a_word_is_found():
     out = np.zeros(len(words), np.int64)
     places(words, out)
     assert out.tolist() == 2 * list(range(64))
+
+
+@njit
+def counted(x):
+    return count_of(load(x, 0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_counts_in_lanes_are_added(kind):
+    assert counted(np.array([3, 0, 1, 40, 7, 0, 0, 5000], kind)) == 5051
 
 
 _fir4 = fir_of(4)
