@@ -11,6 +11,7 @@ exposure      whether a network would open the graph to the whole internet
 diagnosis     what may keep nodes from receiving each other's messages
 environment   what a process inherits from its caller: files, signals, variables
 imports       of large libraries, without what nothing here needs
+scheduling    how processors are divided among processes that pass large messages on
 process_stat  what the kernel reports of a process
 shm_files     files in /dev/shm that a killed process leaves
 shm_notes     notes on the shared memory of nodes that have no supervisor

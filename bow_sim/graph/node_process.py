@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import gc
 import os
@@ -22,6 +21,7 @@ from rclpy.utilities import remove_ros_args
 
 from bow_sim.graph import discovery, environment
 from bow_sim.graph.node_base import BowNode, StartupError
+from bow_sim.graph.scheduling import use_batch_scheduling
 from bow_sim.graph.shm_files import files_of
 from bow_sim.graph.shm_notes import Note
 from bow_sim.protocol.neighbours import LEFT
@@ -41,17 +41,6 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(trim_threshold, kept)
         mallopt(mmap_threshold, kept)
-
-
-def use_batch_scheduling() -> None:
-    """Use the scheduling policy for throughput: a process that receives a message does not preempt another one.
-
-    Caches then stay warm, and several messages are taken at a time; on two cores it saves a tenth of a map's CPU time.
-    Threads inherit the policy. It exists on Linux only.
-    """
-    if hasattr(os, "SCHED_BATCH"):
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
 def leave() -> None:

@@ -16,7 +16,7 @@ from bow_sim.protocol.cdr import Buffer
 LIMIT = 16
 """Chunks under way at most; shared memory is reserved for as many messages."""
 
-LIMIT_BYTES = 12 << 20
+LIMIT_BYTES = 22 << 20
 """No chunk begins while so many bytes are under way."""
 
 RESEND_S = 2.0
