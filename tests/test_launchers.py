@@ -36,7 +36,7 @@ printf '%s\\n' "$*" >> "$SAID"
 if [ "$1" = sweep ]; then
     out=; while [ $# -gt 0 ]; do if [ "$1" = --out ]; then out=$2; fi; shift; done
     if [ -n "$STATUS" ]; then exit "$STATUS"; fi
-    mkdir -p "$out"; echo '{}' > "$out/ledger.jsonl"
+    if [ -n "$out" ]; then mkdir -p "$out"; echo '{}' > "$out/ledger.jsonl"; fi  # not where it goes on with a run
     for ((i = 0; i < 600 && $(grep -c '^station' "$SAID") < 2; i++)); do sleep 0.1; done
 elif [ "$1" = station ]; then
     while [ $# -gt 0 ]; do if [ "$1" = --out ]; then mkdir -p "$2/RUN_ID/bag/x"; fi; shift; done
