@@ -58,8 +58,10 @@ class Leader:
         if incarnation == self._process.incarnation:
             self.has_ended, self.has_left = "has ended", True
 
-    def died(self, host: str, pid: int, cause: str) -> None:
-        """Take in what a supervisor reports of a coordinator's process."""
+    def died(self, host: str, pid: int, cause: str, now: float) -> None:
+        """Take in what a supervisor reports of a coordinator's process, maybe before that one was heard."""
+        if self._heard is None:
+            self._process, self._heard = _Process("", host, pid), now
         if (host, pid) == self._process[1:]:
             self.has_ended = f"has ended ({cause})"
 

@@ -43,7 +43,7 @@ class StationNode(SupervisorNode):
             return
         now, leader = self._seen.awake.now(), self._seen.leader
         if message.state == Health.DEAD:
-            leader.died(message.host, message.pid, message.detail)
+            leader.died(message.host, message.pid, message.detail, now)
         elif neighbour is None:
             leader.left(message.incarnation)
         else:

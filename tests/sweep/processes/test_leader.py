@@ -39,6 +39,17 @@ def test_a_silence_is_told_once_and_so_is_its_end(leader: Leader) -> None:
     assert leader.lost(40.1 + LOST_S)
 
 
+def test_a_coordinator_may_die_before_it_is_heard() -> None:
+    leader = Leader()
+    leader.died(*FIRST[1:], "killed by SIGKILL", 10.0)
+    assert leader.is_away(10.0)
+    assert "has ended (killed by SIGKILL): this station waits" in leader.news(10.0)
+    assert leader.lost(10.0 + LOST_S) == ""
+    assert leader.lost(10.1 + LOST_S)
+    leader.heard(*SECOND, 30.0)
+    assert "goes on" in leader.news(30.0)
+
+
 @pytest.mark.parametrize("how", ["left", "died"])
 def test_its_end_is_known_at_once_by_its_own_last_word_or_its_supervisors(leader: Leader, how: str) -> None:
     if how == "left":
@@ -46,9 +57,9 @@ def test_its_end_is_known_at_once_by_its_own_last_word_or_its_supervisors(leader
         assert not leader.is_away(10.0)
         leader.left(FIRST[0])
     else:
-        leader.died(*SECOND[1:], "killed by SIGKILL")
+        leader.died(*SECOND[1:], "killed by SIGKILL", 10.0)
         assert not leader.is_away(10.0)
-        leader.died(*FIRST[1:], "killed by SIGKILL")
+        leader.died(*FIRST[1:], "killed by SIGKILL", 10.0)
     assert leader.is_away(10.0)
     assert leader.has_left == (how == "left")
     assert "has ended" in leader.news(10.0)
