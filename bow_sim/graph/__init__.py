@@ -12,6 +12,7 @@ diagnosis     what may keep nodes from receiving each other's messages
 environment   what a process inherits from its caller: files, signals, variables
 imports       of large libraries, without what nothing here needs
 scheduling    how processors are divided among processes that pass large messages on
+parent        the end of a child process with its parent
 process_stat  what the kernel reports of a process
 shm_files     files in /dev/shm that a killed process leaves
 shm_notes     notes on the shared memory of nodes that have no supervisor

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import importlib
 import os
 import signal
@@ -17,6 +16,7 @@ from pathlib import Path
 
 import setproctitle
 
+from bow_sim.graph.parent import end_with_parent
 from bow_sim.graph.shm_notes import SUPERVISED, remove_leftovers
 from bow_sim.protocol.stations import named, namespace_of
 from bow_sweep.processes.exit_status import DONE
@@ -43,8 +43,6 @@ TITLE_ARGUMENTS = 5
 
 NICE = {"dashboard": 10}
 """Scheduling priority (nice value): where cores are short, pictures wait and the sweep does not."""
-
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 ROS_LOGS = "ROS_LOG_DIR"
 
@@ -110,7 +108,7 @@ class Exit:
 
 def _prepare_child(nice: int) -> None:
     """Set up a child process: SIGTERM when the supervisor exits, and no Ctrl-C from the terminal."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    end_with_parent()
     os.nice(nice)
     os.setpgid(0, 0)
 

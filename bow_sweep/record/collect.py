@@ -6,12 +6,10 @@ kept in ``bag_aside/``.
 
 from __future__ import annotations
 
-import ctypes
 import filecmp
 import os
 import re
 import shutil
-import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bow_sim.atomic_files import sync_directory
+from bow_sim.graph.parent import end_with_parent
 from bow_sim.protocol import cdr
 from bow_sweep.record.aside import PIECE, folder_of, free_name
 from bow_sweep.record.bag import FOLDER, METADATA, bag_files, bag_folder, label, station_of_bag
@@ -43,9 +42,6 @@ _ROOM = ".collect-"
 
 _NOT_THERE = 23
 """Exit status of rsync where a directory, or some of what is in it, cannot be read."""
-
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
-_LIBC = ctypes.CDLL(None)
 
 _REMOTE = re.compile(r"([^/:]+):(.+)")
 """HOST:DIR, as rsync takes it."""
@@ -214,7 +210,7 @@ def _rsync(source: str, room: Path, log: Log) -> tuple[int, str]:
         process = subprocess.Popen(
             copying,
             stderr=errors,
-            preexec_fn=_end_with_parent,  # noqa: PLW1509  # it calls the C library only
+            preexec_fn=end_with_parent,  # noqa: PLW1509  # it calls the C library only
         )
         try:
             while True:
@@ -235,11 +231,6 @@ def _rsync(source: str, room: Path, log: Log) -> tuple[int, str]:
         cause = [line for line in lines if line.startswith("rsync")][:1]  # the other lines of rsync follow from it
         said = [line for line in lines if not line.startswith("rsync")]  # by ssh, or the shell there
         return status, "; ".join([*said, *cause]) or f"exit status {status}"
-
-
-def _end_with_parent() -> None:
-    """Have this process, a new one, receive SIGTERM when its parent ends, however that does."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 # ---- checking and taking the place

@@ -7,7 +7,6 @@ that comes late gets everything, and a dashboard may end, or be started again, w
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import re
 import signal
@@ -20,6 +19,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bow_sim.graph.parent import end_with_parent
 from bow_sim.graph.process_stat import read_stat
 from bow_sweep.view.wanted import LOOPBACK, free_port
 
@@ -40,9 +40,6 @@ LINGER_S = 20.0
 
 ESTABLISHED = "01"
 """State of a TCP socket with a peer in /proc/net/tcp."""
-
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
-LIBC = ctypes.CDLL(None)
 
 
 class RerunProcess:
@@ -139,7 +136,7 @@ class Server(RerunProcess):
         super().__init__("--serve-grpc", port=port, memory=memory, program=program)
 
     def _prepare(self) -> None:
-        LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        end_with_parent()
 
     def linger(self, seconds: float, going_on: Callable[[], bool] = lambda: True) -> None:
         """Return when all connected viewers have everything, after `seconds`, or when `going_on` returns False."""

@@ -6,12 +6,11 @@ import contextlib
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from graph import PATIENCE_S, TINY, run_sweep, sweeping
+from graph import TINY, run_sweep, sweeping, until
 
 from bow_sim.graph import shm_notes
 from bow_sim.graph.discovery import SHARED_MEMORY
@@ -27,13 +26,6 @@ def size(file: Path) -> int:
     with contextlib.suppress(FileNotFoundError):
         return file.stat().st_size
     return 0
-
-
-def until(what: object, why: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():  # type: ignore[operator]
-        assert time.monotonic() < deadline, why
-        time.sleep(0.05)
 
 
 class ByHand:

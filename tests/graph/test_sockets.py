@@ -8,12 +8,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, halted, sweeping
+from graph import PATIENCE_S, SMALL, halted, sweeping, until
 from live_viewer import HeadlessViewer, headless_stand_in, needs_vulkan, ports_of, run_of
 from sockets import Socket, family, sockets_of, sockets_seen
 
@@ -46,14 +45,6 @@ def free_port() -> int:
     with socket.socket() as trial:
         trial.bind(("127.0.0.1", 0))
         return int(trial.getsockname()[1])
-
-
-def until(what: Callable[[], bool]) -> None:
-    """Wait for something to become true."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def has_node(pid: int) -> bool:
@@ -135,7 +126,9 @@ def test_nodes_by_hand_are_reached_by_this_machine_alone(tmp_path: Path) -> None
         subprocess.Popen([sys.executable, "-m", "bow_sweep", role, "--ros-args", *more.get(role, [])]) for role in ROLES
     ]
     try:
-        until(lambda: all(any(one.kind == "UDP" for one in sockets_of(psutil.Process(n.pid))) for n in nodes))
+        until(
+            lambda: all(any(one.kind == "UDP" for one in sockets_of(psutil.Process(n.pid))) for n in nodes), "sockets"
+        )
         time.sleep(1)  # they find each other
         for node in nodes:
             assert_only_loopback(sockets_of(psutil.Process(node.pid)))
@@ -150,9 +143,9 @@ def test_a_replay_through_the_graph_is_heard_by_this_machine_alone(undisturbed: 
     words = [sys.executable, "-m", "bow_sweep", "replay", "--graph", str(undisturbed)]
     replay = subprocess.Popen(words, stdout=subprocess.DEVNULL)
     with sockets_seen(lambda: replay.pid) as seen:
-        until(lambda: has_node(replay.pid))
+        until(lambda: has_node(replay.pid), "a node")
         replay.send_signal(signal.SIGSTOP)  # so that its classifier stays until it was looked at
-        until(lambda: are_seen(seen, "UDP", "classifier"))
+        until(lambda: are_seen(seen, "UDP", "classifier"), "its sockets")
         replay.send_signal(signal.SIGCONT)
         assert replay.wait(PATIENCE_S) == 0
     assert_only_loopback(seen)

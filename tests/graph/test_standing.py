@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, run_sweep, sweeping, verified
+from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, run_sweep, sweeping, until, verified
 
 from bow_sim.graph.shm_files import files_of, is_port
 from bow_sweep.standing.state import FILE, default_folder, read_state
@@ -54,14 +53,6 @@ def shared_memory(pid: int) -> set[str]:
     return {file for file in files if not is_port(file)}
 
 
-def wait_until(what: Callable[[], bool], why: str) -> None:
-    """Wait for something to become true."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline, why
-        time.sleep(0.05)
-
-
 def send_a_goal_as_others_do() -> Any:
     """Send a goal without a note of where its run goes; return the result."""
     from bow_msgs.action import RunSweep
@@ -72,11 +63,11 @@ def send_a_goal_as_others_do() -> Any:
     spec = SweepSpec(preset="fig11d", settings=["x.count=2", "y.count=2", "periods=20"])
     with connect() as graph:
         action = graph._action
-        wait_until(lambda: graph.spin() or action.server_is_ready(), "no coordinator")
+        until(lambda: graph.spin() or action.server_is_ready(), "no coordinator")
         sent = action.send_goal_async(RunSweep.Goal(spec=spec))
-        wait_until(lambda: graph.spin() or sent.done(), "no answer")
+        until(lambda: graph.spin() or sent.done(), "no answer")
         answer = sent.result().get_result_async()
-        wait_until(lambda: graph.spin() or answer.done(), "no result")
+        until(lambda: graph.spin() or answer.done(), "no result")
         return answer.result().result
 
 
@@ -190,7 +181,7 @@ def test_of_a_graph_that_is_killed_nothing_is_left_and_another_can_be_started(up
         assert "the standing graph has ended" in sweep.text
     assert "ended without" in bow("status").stderr
     psutil.wait_procs(family, timeout=PATIENCE_S)
-    wait_until(lambda: not [file for file in files if Path(file).exists()], "the cleaner removes shared memory")
+    until(lambda: not [file for file in files if Path(file).exists()], "the cleaner removes shared memory")
     began = bow("up", "--simulators", "1", "--no-dashboard")
     assert began.returncode == 0, began.stderr
     assert "ended without `bow down`" in began.stderr

@@ -106,6 +106,14 @@ class Sweep:
         self.process.wait()
 
 
+def until(what: Callable[[], object], why: str) -> None:
+    """Wait for something to become true; fail with `why` where it does not."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < deadline, why
+        time.sleep(0.02)
+
+
 def bow(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
     command = [sys.executable, "-m", "bow_sweep", *arguments]
