@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,26 @@ NEEDED = "needs a browser: Debian's chromium"
 
 WAIT_MS = 60_000
 
-_PLACE = """([name, x, y]) => {
+_PLACES = """async ([name, points]) => {
     const view = Bokeh.index.find_one(Bokeh.documents[0].get_model_by_name(name));
-    const box = view.el.getBoundingClientRect();
-    return [box.x + view.frame.x_scale.compute(x), box.y + view.frame.y_scale.compute(y)];
+    const places = () => {
+        const box = view.el.getBoundingClientRect();
+        return points.map(([x, y]) => [box.x + view.frame.x_scale.compute(x), box.y + view.frame.y_scale.compute(y)]);
+    };
+    let now = places();
+    for (let still = 0; still < 4; still++) { // frames in a row without a change: the layout is done
+        await new Promise(requestAnimationFrame);
+        const next = places();
+        if (String(next) !== String(now)) still = 0;
+        now = next;
+    }
+    return now;
+}"""
+
+_SHOWN = """([name, wanted]) => {
+    const {data} = Bokeh.documents[0].get_model_by_name(name);
+    return Object.entries(wanted).every(([column, values]) =>
+        data[column].length === values.length && values.every((value, n) => data[column][n] === value));
 }"""
 
 _COLUMNS = """(name) => Object.fromEntries(
@@ -56,8 +73,11 @@ class Tab:
 
     def place(self, figure: str, x: float, y: float) -> tuple[float, float]:
         """Return where a point of a figure is in the window, pixels."""
-        across, down = self.page.evaluate(_PLACE, [figure, x, y])
+        [(across, down)] = self._places(figure, [(x, y)])
         return across, down
+
+    def _places(self, figure: str, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        return [tuple(place) for place in self.page.evaluate(_PLACES, [figure, points])]
 
     def click_cell(self, ix: int, iy: int, figure: str = "map") -> None:
         """Click the middle of a cell of a map."""
@@ -76,6 +96,22 @@ class Tab:
         self.page.wait_for_function(
             f"(() => {{ const model = name => Bokeh.documents[0].get_model_by_name(name); return {condition}; }})()"
         )
+
+    def until_shown(self, source: str, columns: Mapping[str, np.ndarray]) -> None:
+        """Wait until a source of the page has these data: each comes in a message of its own."""
+        wanted = {name: np.asarray(values, float).tolist() for name, values in columns.items()}
+        self.page.wait_for_function(_SHOWN, arg=[source, wanted])
+
+    def hover(self, figure: str, x: float, y: float, *words: str) -> str:
+        """Point at a place of a figure; return what is said there, once the words are in it or `WAIT_MS` is over."""
+        self.page.mouse.move(*self.place(figure, x - 0.1, y))
+        self.page.mouse.move(*self.place(figure, x, y))
+        end = time.monotonic() + WAIT_MS / 1000
+        while True:  # at first it may be what was said of the place before
+            said = " ".join(" ".join(self.page.locator(".bk-tooltip-content").all_inner_texts()).split())
+            if all(word in said for word in words) or time.monotonic() > end:
+                return said
+            self.page.wait_for_timeout(100)
 
     def show(self, layer: str, periods: float | None = None) -> None:
         """Show a layer, after a test, as the widgets do."""
@@ -101,12 +137,23 @@ class Tab:
 
         self.page.mouse.move(2, 2)
         picture = imread(io.BytesIO(self.page.screenshot()))
-        out = np.zeros((ny, nx, 3), np.uint8)
-        for iy in range(ny):
-            for ix in range(nx):
-                across, down = self.place(figure, ix + 0.5, iy + 0.5)
-                out[iy, ix] = np.round(255 * picture[int(down), int(across), :3])
-        return out
+        cells = [(ix + 0.5, iy + 0.5) for iy in range(ny) for ix in range(nx)]
+        across, down = np.array(self._places(figure, cells)).astype(int).T
+        return np.round(255 * picture[down, across, :3]).astype(np.uint8).reshape(ny, nx, 3)
+
+    def wrong_colours(self, figure: str, wanted: np.ndarray, marked: int) -> list[list[int]]:
+        """Return which cells of a map, (iy, ix), have not the colours (ny, nx, 3) when it is drawn.
+
+        The cell `marked` is left out: the mark of the chosen cell is there.
+        """
+        ny, nx, _ = wanted.shape
+        end = time.monotonic() + WAIT_MS / 1000
+        while True:
+            wrong = (self.colours(figure, nx, ny) != wanted).any(axis=2)
+            wrong.ravel()[marked] = False
+            if not wrong.any() or time.monotonic() > end:
+                return np.argwhere(wrong).tolist()
+            self.page.wait_for_timeout(100)
 
 
 @contextlib.contextmanager

@@ -13,8 +13,10 @@ from browser import Tab
 
 from bow_sim.protocol import cdr
 from bow_sweep.cell import analysis
+from bow_sweep.cell.cell_record import CellRecord
 from bow_sweep.cell.run_cells import RunCells
 from bow_sweep.explore.layers import difference_layer, layers_of
+from bow_sweep.explore.samples import columns_of
 from bow_sweep.explore.saved import save_page
 from bow_sweep.maps.map_file import read_map
 from bow_sweep.record.bag import messages
@@ -87,9 +89,17 @@ def saved_two(first_run: Path, second_run: Path, tmp_path_factory: pytest.TempPa
     return new_tab(1920, 1080, offline=True).open(path.as_uri())
 
 
-def wait_for_cell(tab: Tab, force: np.ndarray, letter: str = "") -> None:
-    """Wait until the waveform of a clicked cell has come."""
-    tab.until(f"model('wave{letter}').data.force.at(-1) === {float(force[-1])!r}")
+def record_of(run: Path, cell: int) -> CellRecord:
+    with RunCells(run) as cells:
+        return cells.record(cell)
+
+
+def wait_for_cell(tab: Tab, run: Path, cell: int, letter: str = "") -> CellRecord:
+    """Wait until all that is shown of a clicked cell has come."""
+    record = record_of(run, cell)
+    for source, columns in columns_of(record).items():
+        tab.until_shown(f"{source}{letter}", columns)
+    return record
 
 
 def test_a_clicked_cell_shows_the_samples_of_the_bag(one: Tab, first_run: Path) -> None:
@@ -97,8 +107,8 @@ def test_a_clicked_cell_shows_the_samples_of_the_bag(one: Tab, first_run: Path) 
     for ix, iy in ((5, 1), (7, 0)):
         cell = iy * NX + ix
         tab.click_cell(ix, iy)
+        wait_for_cell(tab, first_run, cell)
         force = recording.recorded_force(first_run, cell)
-        wait_for_cell(tab, force)
         assert tab.chosen() == [cell]
         wave = tab.columns("wave")
         np.testing.assert_array_equal(wave["force"].astype(np.float32), force)
@@ -110,9 +120,7 @@ def test_a_clicked_cell_shows_the_samples_of_the_bag(one: Tab, first_run: Path) 
 def test_the_spectrum_is_that_of_the_cell(one: Tab, first_run: Path) -> None:
     tab = one
     tab.click_cell(4, 2)
-    record = RunCells(first_run).record(2 * NX + 4)
-    wait_for_cell(tab, record.bridge_force)
-    tab.until("model('harmonics').data.level.length > 0")
+    record = wait_for_cell(tab, first_run, 2 * NX + 4)
     period = analysis.period_of(record.bridge_force, PERIOD)
     assert period
     tones = analysis.harmonics(record.bridge_force, record.sample_rate, period)
@@ -126,13 +134,10 @@ def test_the_spectrum_is_that_of_the_cell(one: Tab, first_run: Path) -> None:
 def test_hovering_names_the_parameters_of_a_cell(one: Tab, first_run: Path) -> None:
     tab = one
     plane = read_map(first_run)
-    tab.page.mouse.move(*tab.place("map", 5.4, 1.4))
-    tab.page.mouse.move(*tab.place("map", 5.5, 1.5))
-    tip = tab.page.locator(".bk-tooltip-content")
-    tip.wait_for()
-    said = " ".join(tip.inner_text().split())
-    assert f"f_asym: {plane.x[5]:.4g} 2 Z_0 v_b" in said
-    assert f"f_init / f_asym: {plane.y[1]:.4g}" in said
+    values = (f"f_asym: {plane.x[5]:.4g} 2 Z_0 v_b", f"f_init / f_asym: {plane.y[1]:.4g}")
+    said = tab.hover("map", 5.5, 1.5, *values)
+    for value in values:
+        assert value in said
     for word in ("regime:", "confidence:", "transient:", "correlation, slips, corners:", "terrain:"):
         assert word in said
     assert plane.regime_names[plane.regime[1, 5]].replace("_", " ").replace("helmholtz", "Helmholtz") in said
@@ -141,21 +146,14 @@ def test_hovering_names_the_parameters_of_a_cell(one: Tab, first_run: Path) -> N
 def test_each_layer_has_on_the_screen_the_colours_of_the_map(one: Tab, first_run: Path) -> None:
     tab = one
     plane = read_map(first_run)
-    chosen = np.array(tab.chosen()[0])
+    chosen = tab.chosen()[0]
     for layer in layers_of(plane):
         for test in [0, len(layer.values) - 1] if layer.by_test else [0]:
             tab.show(layer.name, float(plane.test_periods[test]) if layer.by_test else None)
             said = test if layer.by_test else len(plane.test_periods) - 1
             tab.until(f"bow.maps[0].now === '{layer.name}' && bow.maps[0].test === {said}")
-            wanted = layer.colours(test)
-            for _ in range(20):
-                seen = tab.colours("map", NX, NY)
-                wrong = (seen != wanted).any(axis=2)
-                wrong[np.unravel_index(chosen, wrong.shape)] = False  # the mark of the chosen cell is there
-                if not wrong.any():
-                    break
-                tab.page.wait_for_timeout(500)
-            assert not wrong.any(), f"{layer.name} after test {test}: cells {np.argwhere(wrong).tolist()}"
+            wrong = tab.wrong_colours("map", layer.colours(test), marked=chosen)
+            assert wrong == [], f"{layer.name} after test {test}"
 
 
 def test_the_second_of_two_quick_clicks_counts(saved: Tab) -> None:
@@ -192,7 +190,7 @@ def helmholtz_cell(run: Path) -> tuple[int, int]:
 
 def check_sound(samples: np.ndarray, run: Path, cell: int, cents: float) -> None:
     """Check level, ends and pitch of a sound."""
-    record = RunCells(run).record(cell)
+    record = record_of(run, cell)
     period = analysis.period_of(record.bridge_force, PERIOD)
     assert period
     assert len(samples) == 2 * 48_000
@@ -221,8 +219,8 @@ def test_two_runs_show_the_same_cell(two: Tab, first_run: Path, second_run: Path
         cell = iy * NX + ix
         tab.click_cell(ix, iy, figure)
         for letter, run in (("A", first_run), ("B", second_run)):
+            wait_for_cell(tab, run, cell, letter)
             force = recording.recorded_force(run, cell)
-            wait_for_cell(tab, force, letter)
             np.testing.assert_array_equal(tab.columns(f"wave{letter}")["force"], force.astype(float))
         assert tab.chosen() == [cell, cell]
     heading = tab.page.get_by_text("A / B differ in: v_mid 0.2 / 0.7")
@@ -230,21 +228,12 @@ def test_two_runs_show_the_same_cell(two: Tab, first_run: Path, second_run: Path
     change = np.asarray(read_map(second_run).transient_periods - read_map(first_run).transient_periods)
     both = np.logical_and(*(np.nan_to_num(read_map(run).transient_periods) > 0 for run in (first_run, second_run)))
     iy, ix = np.argwhere(both)[0]
-    tab.page.mouse.move(*tab.place("mapB", ix + 0.4, iy + 0.5))
-    tab.page.mouse.move(*tab.place("mapB", ix + 0.5, iy + 0.5))
-    tip = tab.page.locator(".bk-tooltip-content")
-    tip.wait_for()
-    assert f"transient in B − A: {change[iy, ix]:+g} periods".replace("+0 ", "0 ") in " ".join(tip.inner_text().split())
+    line = f"transient in B − A: {change[iy, ix]:+g} periods".replace("+0 ", "0 ")
+    assert line in tab.hover("mapB", ix + 0.5, iy + 0.5, line)
     tab.show("difference")
     tab.until("bow.maps[1].now === 'difference'")
     wanted = difference_layer(read_map(first_run), read_map(second_run)).colours()
-    for _ in range(20):
-        right = (tab.colours("mapB", NX, NY) == wanted).all(axis=2)
-        right[4, 1] = True  # the mark
-        if right.all():
-            break
-        tab.page.wait_for_timeout(500)
-    assert right.all()
+    assert tab.wrong_colours("mapB", wanted, marked=4 * NX + 1) == []
 
 
 def test_a_saved_page_shows_the_samples_of_the_bag_to_half_a_step(saved: Tab, first_run: Path) -> None:
@@ -272,7 +261,7 @@ def test_a_saved_page_sounds_and_has_the_harmonics(saved: Tab, first_run: Path) 
     tab.click_cell(ix, iy)
     tab.until(f"bow.chosen.data.cell[0] === {cell}")
     check_sound(tab.play(), first_run, cell, 5.0)
-    record, plane = RunCells(first_run).record(cell), read_map(first_run)
+    record, plane = record_of(first_run, cell), read_map(first_run)
     tones = analysis.harmonics(
         record.bridge_force[-5 * PERIOD :], record.sample_rate, float(plane.period[-1].ravel()[cell])
     )
