@@ -13,8 +13,7 @@ import numpy as np
 
 from bow_classifier.features.periodicity import CONSTANT
 from bow_classifier.verdict.fingerprint import LEAN
-from bow_sim.simd import lanes
-from bow_sim.simd.columns import columns
+from bow_sim.simd import columns, lanes
 from bow_sim.simd.jit import part
 from bow_sim.simd.lanes import LANES, choose, root
 
@@ -23,6 +22,9 @@ spread: Any = lanes.spread
 store: Any = lanes.store
 read: Any = lanes.read
 write: Any = lanes.write
+four_twice: Any = columns.four_twice
+sums_of_eight: Any = columns.sums_of_eight
+transposed_halves: Any = columns.transposed_halves
 
 COARSE = 8
 """Samples averaged for the coarse search: it costs a sixty-fourth, and the fine search corrects its errors."""
@@ -69,8 +71,6 @@ class Workspace(NamedTuple):
         Bridge force around the window.
     fine_sums, fine
         `Sums` and correlations of the fine search.
-    eight
-        (64,).
     """
 
     averages: Any
@@ -79,7 +79,6 @@ class Workspace(NamedTuple):
     x: Any
     fine_sums: Any
     fine: Any
-    eight: Any
 
 
 @part(**LEAN)
@@ -104,16 +103,21 @@ def _moments(x, begin, n, eight):
 def _products(x, begin, n, lag, products):
     """Write to products[i] the sum of x[t] x[t - lag + i] over the n samples from `begin` on; eight i at a time.
 
+    Each is the sum of four, of every fourth sample: one alone would wait for each addition. Four samples are multiplied
+    at once with those at eight lags.
+
     Samples are read by `read`, here and below: for each index in brackets Numba tests whether it is negative.
     """
     for i in range(0, products.shape[0], LANES):
         earlier = i - lag
-        a = b = c = d = spread(0.0)  # four sums at once: one alone would wait for each addition
+        p = q = r = s = spread(0.0)  # the four sums for lags i and i + 4, i + 1 and i + 5 ...
         for t in range(begin, begin + n - 3, 4):
-            a = a + read(x, t, 0.0) * load(x, t + earlier)
-            b = b + read(x, t + 1, 0.0) * load(x, t + 1 + earlier)
-            c = c + read(x, t + 2, 0.0) * load(x, t + 2 + earlier)
-            d = d + read(x, t + 3, 0.0) * load(x, t + 3 + earlier)
+            now = four_twice(x, t)
+            p = p + now * load(x, t + earlier)
+            q = q + now * load(x, t + earlier + 1)
+            r = r + now * load(x, t + earlier + 2)
+            s = s + now * load(x, t + earlier + 3)
+        a, b, c, d = transposed_halves(p, q, r, s)
         for t in range(begin + n // 4 * 4, begin + n):
             a = a + read(x, t, 0.0) * load(x, t + earlier)
         store(products, i, (a + c) + (b + d))
@@ -198,16 +202,13 @@ def _best_maximum(r):
 
 
 @part(**LEAN)
-def _averages(row, averages, eight):
-    """Write averages of `COARSE` samples each, the last one at the end of the record; `eight` is workspace, (64,)."""
+def _averages(row, averages):
+    """Write averages of `COARSE` samples each, the last one at the end of the record."""
     count = averages.shape[0]
     part = row[row.shape[0] - COARSE * count :]
     level = np.float64(row[row.shape[0] - 1])  # near the mean, so that less is lost by cancellation in the sums
     for k in range(0, count - LANES + 1, LANES):
-        columns(part, COARSE * k, COARSE, LANES, spread(level), eight, 0)
-        a, b, c, d = load(eight, 0), load(eight, LANES), load(eight, 2 * LANES), load(eight, 3 * LANES)
-        e, f, g, h = load(eight, 32), load(eight, 40), load(eight, 48), load(eight, 56)
-        store(averages, k, (((a + b) + (c + d)) + ((e + f) + (g + h))) / COARSE)
+        store(averages, k, sums_of_eight(part, COARSE * k, spread(level)) / COARSE)
     for k in range(count // LANES * LANES, count):
         total = 0.0
         for x in part[COARSE * k : COARSE * (k + 1)]:
@@ -287,7 +288,6 @@ def long_workspace(samples, period, shortest, longest):
         np.zeros(before + samples + width),
         Sums(np.zeros(width), np.zeros(slide), np.zeros(slide)),
         np.empty(width),
-        np.empty(COARSE * LANES),
     )
 
 
@@ -312,11 +312,11 @@ def search_row(row, start, period, shortest, longest, least, workspace):
         Threshold of the correlation.
     workspace : Workspace
     """
-    y, coarse, r, x, sums, f, eight = workspace
+    y, coarse, r, x, sums, f = workspace
     samples = row.shape[0] - start
     n, low, high = samples // COARSE, shortest // COARSE - 1, -(-longest // COARSE)
     lags, before = high - low + 1, longest + BESIDE + 1
-    _averages(row, y[: n + high + 1], eight)
+    _averages(row, y[: n + high + 1])
     _coarse(y, n, low, high, coarse, r)
     best = _highest(r, lags, least - SLACK)
     if best < 0:

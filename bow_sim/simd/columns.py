@@ -10,7 +10,7 @@ from numba import types
 from numba.core import cgutils
 
 from bow_sim.simd.jit import intrinsic
-from bow_sim.simd.lane_types import LANES, LANES_OF, element_aligned, half, in_halves, pointer, vector
+from bow_sim.simd.lane_types import LANES, LANES_OF, LanesType, element_aligned, half, in_halves, pointer, vector
 
 _I64 = ir.IntType(64)
 
@@ -45,14 +45,12 @@ class _Source(NamedTuple):
     context: Any
     builder: Any
     x: Any
-    out: Any
     x_value: Any
     width: Any
     rows: Any
-    out_value: Any
 
-    def write_columns(self, i: Any, o: Any, less: Any, first: int) -> Iterator[Any]:
-        """Emit code that writes eight samples of the rows from `first` on, less their levels; yield what is written.
+    def columns(self, i: Any, less: Any, first: int) -> Iterator[Any]:
+        """Emit code that reads eight samples of the rows from `first` on, less their levels; yield column by column.
 
         `less` is one register: as many rows are read as it has lanes.
         """
@@ -70,12 +68,16 @@ class _Source(NamedTuple):
             if kind.count == LANES:
                 both = _order(*range(LANES))
                 rows = [builder.shuffle_vector(row, read(_FOUR + k, begin), both) for k, row in enumerate(rows)]
-            for t, column in enumerate(_transposed(builder, rows), begin):
-                place = builder.add(o, _I64(LANES * t + first))
-                value = builder.fsub(builder.fpext(column, kind), less)
-                target = pointer(context, builder, self.out, self.out_value, place, kind)
-                element_aligned(builder.store(value, target), self.out)
-                yield value
+            for column in _transposed(builder, rows):
+                yield builder.fsub(builder.fpext(column, kind), less)
+
+    def write_columns(self, i: Any, out: Any, out_value: Any, o: Any, less: Any, first: int) -> Iterator[Any]:
+        """Emit code that writes these columns as rows of an array, too."""
+        for t, value in enumerate(self.columns(i, less, first)):
+            place = self.builder.add(o, _I64(LANES * t + first))
+            target = pointer(self.context, self.builder, out, out_value, place, less.type)
+            element_aligned(self.builder.store(value, target), out)
+            yield value
 
 
 def _parts(context: Any, builder: Any, level: Any, less: Any) -> list[tuple[int, Any]]:
@@ -102,9 +104,9 @@ def columns(typingctx: Any, x: Any, i: Any, width: Any, rows: Any, level: Any, o
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         x_value, i_value, w, rows_value, less, out_value, o_value = args
-        source = _Source(context, builder, x, out, x_value, w, rows_value, out_value)
+        source = _Source(context, builder, x, x_value, w, rows_value)
         for first, levels in _parts(context, builder, level, less):
-            for _ in source.write_columns(i_value, o_value, levels, first):
+            for _ in source.write_columns(i_value, out, out_value, o_value, levels, first):
                 pass
         return context.get_dummy_value()
 
@@ -123,7 +125,7 @@ def summed_columns(typingctx: Any, x: Any, i: Any, width: Any, rows: Any, n: Any
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         x_value, i_value, w, rows_value, total, less, out_value, o_value = args
-        source = _Source(context, builder, x, out, x_value, w, rows_value, out_value)
+        source = _Source(context, builder, x, x_value, w, rows_value)
         found = []
         for first, levels in _parts(context, builder, level, less):
             zero = ir.Constant(levels.type, [ir.Constant(ir.DoubleType(), 0.0)] * levels.type.count)
@@ -133,7 +135,7 @@ def summed_columns(typingctx: Any, x: Any, i: Any, width: Any, rows: Any, n: Any
             with cgutils.for_range_slice(builder, _I64(0), total, _I64(LANES)) as (t, _):
                 sums = [builder.load(slot) for slot in slots]
                 i_now, o_now = builder.add(i_value, t), builder.add(o_value, builder.mul(t, _I64(LANES)))
-                for k, value in enumerate(source.write_columns(i_now, o_now, levels, first)):
+                for k, value in enumerate(source.write_columns(i_now, out, out_value, o_now, levels, first)):
                     at = k % 2 * 2
                     sums[at] = builder.fadd(sums[at], value)
                     sums[at + 1] = builder.fadd(sums[at + 1], builder.fmul(value, value))
@@ -147,6 +149,58 @@ def summed_columns(typingctx: Any, x: Any, i: Any, width: Any, rows: Any, n: Any
 
     result = types.UniTuple(level, 4)
     return result(x, types.intp, types.intp, types.intp, types.intp, level, out, types.intp), codegen
+
+
+@intrinsic
+def sums_of_eight(typingctx: Any, x: Any, i: Any, level: Any) -> Any:
+    """Return the sums of eight times eight successive samples of float32, each less a level.
+
+    Lane k has ``((y[0] + y[1]) + (y[2] + y[3])) + ((y[4] + y[5]) + (y[6] + y[7]))`` with ``y[t] = x[i + 8 k + t] -
+    level[k]``.
+    """
+    if not (x.dtype is types.float32 and level is LANES_OF[types.float64]):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        x_value, i_value, less = args
+        source = _Source(context, builder, x, x_value, _I64(LANES), _I64(LANES))
+        found = []
+        for first, levels in _parts(context, builder, level, less):
+            values = list(source.columns(i_value, levels, first))
+            while len(values) > 1:
+                values = [builder.fadd(a, b) for a, b in zip(values[::2], values[1::2], strict=True)]
+            found += values
+        return found[0] if len(found) == 1 else builder.shuffle_vector(*found, _order(*range(LANES)))
+
+    return level(x, types.intp, level), codegen
+
+
+@intrinsic
+def four_twice(typingctx: Any, x: Any, i: Any) -> Any:
+    """Read four elements of an array of float64 into lanes 0 ... 3, and again into lanes 4 ... 7."""
+    if x.dtype is not types.float64:
+        return None
+    lanes = LANES_OF[x.dtype]
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        four = ir.VectorType(ir.DoubleType(), _FOUR)
+        value = element_aligned(builder.load(pointer(context, builder, x, args[0], args[1], four)), x)
+        return builder.shuffle_vector(value, value, _order(*range(LANES)))
+
+    return lanes(x, types.intp), codegen
+
+
+@intrinsic
+def transposed_halves(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Transpose lanes 0 ... 3 of four values of lanes, and lanes 4 ... 7; return a tuple of four."""
+    if not (isinstance(a, LanesType) and a is b and b is c and c is d):
+        return None
+    result = types.UniTuple(a, _FOUR)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.make_tuple(builder, result, _transposed(builder, list(args)))
+
+    return result(a, b, c, d), codegen
 
 
 @intrinsic
