@@ -51,9 +51,13 @@ def find_onsets(typingctx: Any, x: Any, i: Any, count: Any, delay: Any, low: Any
         slot = cgutils.alloca_once_value(builder, latest)
         builder.store(latest, slot)
         with cgutils.for_range_slice(builder, _I64(0), n, _I64(size)) as (t, _):
-            now = y(builder.add(first, t), kind)
-            before = builder.shuffle_vector(builder.load(slot), now, one_on)
-            builder.store(now, slot)
+            start = builder.add(first, t)
+            now = y(start, kind)
+            if size == MANY:
+                before = builder.shuffle_vector(builder.load(slot), now, one_on)
+                builder.store(now, slot)
+            else:  # two loads: AVX2 would need three shuffles
+                before = y(builder.sub(start, _I64(1)), kind)
             sign = builder.and_(builder.bitcast(now, whole), ir.Constant(whole, [-(2**31)] * size))
             flipped = builder.bitcast(builder.xor(builder.bitcast(before, whole), sign), kind)
             above = builder.fcmp_ordered(">", builder.call(fabs, [now]), low_value)

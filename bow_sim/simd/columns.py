@@ -24,7 +24,10 @@ def _order(*places: int) -> ir.Constant:
 
 
 def _transposed(builder: Any, rows: list[Any]) -> list[Any]:
-    """Transpose each half of four registers, of eight or four lanes, in two rounds of shuffles."""
+    """Transpose each half of four registers, of eight or four lanes, in two rounds of shuffles.
+
+    Those of float64 are shuffled so that the first round stays within pairs of lanes, and the second moves pairs.
+    """
     a, b, c, d = rows
     size = a.type.count
 
@@ -33,10 +36,12 @@ def _transposed(builder: Any, rows: list[Any]) -> list[Any]:
         halves = range(0, size, _FOUR)
         return _order(*(place % _FOUR + first + place // _FOUR * size for first in halves for place in places))
 
-    orders = both(0, 4, 1, 5), both(2, 6, 3, 7)
+    wide = isinstance(a.type.element, ir.DoubleType)
+    orders = (both(0, 4, 2, 6), both(1, 5, 3, 7)) if wide else (both(0, 4, 1, 5), both(2, 6, 3, 7))
     pairs = [(builder.shuffle_vector(a, b, order), builder.shuffle_vector(c, d, order)) for order in orders]
     orders = both(0, 1, 4, 5), both(2, 3, 6, 7)
-    return [builder.shuffle_vector(*pair, order) for pair in pairs for order in orders]
+    found = [builder.shuffle_vector(*pair, order) for pair in pairs for order in orders]
+    return [found[k] for k in (0, 2, 1, 3)] if wide else found
 
 
 class _Source(NamedTuple):
@@ -68,8 +73,11 @@ class _Source(NamedTuple):
             if kind.count == LANES:
                 both = _order(*range(LANES))
                 rows = [builder.shuffle_vector(row, read(_FOUR + k, begin), both) for k, row in enumerate(rows)]
-            for column in _transposed(builder, rows):
-                yield builder.fsub(builder.fpext(column, kind), less)
+                yield from (builder.fsub(builder.fpext(column, kind), less) for column in _transposed(builder, rows))
+            else:  # a load converts as it reads
+                levels = [builder.shuffle_vector(less, less, _order(*[row] * _FOUR)) for row in range(_FOUR)]
+                rows = [builder.fpext(row, kind) for row in rows]
+                yield from _transposed(builder, [builder.fsub(*pair) for pair in zip(rows, levels, strict=True)])
 
     def write_columns(self, i: Any, out: Any, out_value: Any, o: Any, less: Any, first: int) -> Iterator[Any]:
         """Emit code that writes these columns as rows of an array, too."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bow_sim.simd.bits import BYTES, MANY, find_onsets, nonzero
-from bow_sim.simd.columns import columns, summed_columns
+from bow_sim.simd.columns import columns, four_twice, summed_columns, sums_of_eight, transposed_halves
 from bow_sim.simd.jit import njit
 from bow_sim.simd.lanes import LANES, load, store
 
@@ -19,6 +19,23 @@ def transposed_and_summed(x, i, width, rows, n, level, out, at, sums):
     found = summed_columns(x, i, width, rows, n, load(level, 0), out, at)
     for k in range(4):
         store(sums, LANES * k, found[k])
+
+
+@njit(nogil=True)
+def eights(x, i, level, out):
+    store(out, 0, sums_of_eight(x, i, load(level, 0)))
+
+
+@njit(nogil=True)
+def quarters(x, out):
+    a, b, c, d = transposed_halves(load(x, 0), load(x, LANES), load(x, 2 * LANES), load(x, 3 * LANES))
+    for k, lanes in enumerate((a, b, c, d)):
+        store(out, LANES * k, lanes)
+
+
+@njit(nogil=True)
+def twice(x, i, out):
+    store(out, 0, four_twice(x, i))
 
 
 @njit(nogil=True)
@@ -57,6 +74,29 @@ def test_what_is_transposed_is_summed_in_its_order(rows, n):
         expected[t % 2 * 2] += column
         expected[t % 2 * 2 + 1] += column * column
     assert found.tobytes() == expected.tobytes()
+
+
+def test_eight_times_eight_successive_samples_are_summed_in_pairs_less_their_levels():
+    rng = np.random.default_rng(3)
+    x, level, found = rng.normal(size=80).astype(np.float32), rng.normal(size=LANES), np.empty(LANES)
+    eights(x, 5, level, found)
+    y = x[5 : 5 + LANES * LANES].reshape(LANES, LANES).astype(float) - level[:, None]
+    pairs = y[:, ::2] + y[:, 1::2]
+    assert found.tobytes() == ((pairs[:, 0] + pairs[:, 1]) + (pairs[:, 2] + pairs[:, 3])).tobytes()
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_lower_and_upper_lanes_of_four_values_are_transposed_by_themselves(kind):
+    x = np.arange(4 * LANES, dtype=kind)
+    found = np.empty_like(x)
+    quarters(x, found)
+    assert np.array_equal(found.reshape(4, 2, 4), x.reshape(4, 2, 4).transpose(2, 1, 0))
+
+
+def test_four_elements_are_read_into_both_halves_of_the_lanes():
+    found = np.empty(LANES)
+    twice(np.arange(9.0), 3, found)
+    assert found.tolist() == [3, 4, 5, 6, 3, 4, 5, 6]
 
 
 @pytest.mark.parametrize("delay", [1, 7, 40])
