@@ -26,6 +26,16 @@ for _name in ("RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_NAMESPACE", "ROS_STATI
 # A standing graph of whoever runs the tests must not be used by them, nor be stopped.
 os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-state-{os.getpid()}")
 
+# Tests that install packages wait for a registry that is slow, or away for half a minute.
+for _name, _value in {
+    "PIP_DEFAULT_TIMEOUT": "60",
+    "PIP_RETRIES": "7",
+    "UV_HTTP_TIMEOUT": "60",
+    "UV_HTTP_RETRIES": "7",
+    "npm_config_fetch_retries": "4",
+}.items():
+    os.environ.setdefault(_name, _value)
+
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long anything takes is not tested
 hypothesis.settings.load_profile("untimed")
 
