@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, gated, run_sweep, sweeping, until, verified
 
 from bow_sim.graph.shm_files import files_of, is_port
+from bow_sweep.standing.client import CANCEL_S
 from bow_sweep.standing.state import FILE, default_folder, read_state
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.full]
@@ -168,7 +170,9 @@ def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
     with sweeping(other, *LONG, "--out", str(other)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 1)
         nodes(state.pid, "coordinator")[0].kill()
+        killed_at = time.monotonic()
         assert sweep.wait() == 1, sweep.text
+        assert time.monotonic() - killed_at < CANCEL_S, "the next coordinator has nothing to cancel"
         assert "the coordinator of the standing graph was started again" in sweep.text
         assert f"--resume {other}" in sweep.text
     gate.unlink()
