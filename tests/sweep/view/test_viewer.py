@@ -49,7 +49,7 @@ def shown(tmp_path_factory) -> Path:
     return show.recording.path
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def viewer(shown: Path) -> Iterator[HeadlessViewer]:
     needs_vulkan()
     with headless_viewer() as viewer:
