@@ -183,12 +183,13 @@ def eventually(holds: Callable[[], bool], what: str) -> None:
     """Wait until something holds."""
     deadline = time.monotonic() + PATIENCE_S
     while True:
+        why = ""
         try:
             if holds():
                 return
-        except (ConnectionError, TimeoutError, RuntimeError, StopIteration, ValueError):  # busy, or nothing to see yet
-            pass
-        assert time.monotonic() < deadline, f"it never came true that {what}"
+        except (ConnectionError, TimeoutError, RuntimeError, StopIteration, ValueError) as error:
+            why = f": {error!r}"  # it is busy, or there is nothing to see yet
+        assert time.monotonic() < deadline, f"it never came true that {what}{why}"
         time.sleep(0.2)
 
 

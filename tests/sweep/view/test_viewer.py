@@ -83,10 +83,11 @@ def is_right_way_up(painted: np.ndarray) -> bool:
 
 @pytest.mark.full
 def test_every_view_is_there_and_none_complains(viewer: HeadlessViewer) -> None:
+    lines = {"log_time", "sweep", "sample", "test"}
+    recording = lambda: viewer.client.get_state().recordings[0]
+    eventually(lambda: {timeline.name for timeline in recording().timelines} == lines, f"the timelines are {lines}")
+    assert recording().current_timeline == "sweep"
     assert viewer.complaints() == {}
-    (recording,) = viewer.client.get_state().recordings
-    assert recording.current_timeline == "sweep"
-    assert {timeline.name for timeline in recording.timelines} == {"log_time", "sweep", "sample", "test"}
 
 
 @pytest.mark.full
