@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,8 +25,9 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 for _name in ("RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_NAMESPACE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
     os.environ.pop(_name, None)
 
-# A standing graph of whoever runs the tests must not be used by them, nor be stopped.
-os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-state-{os.getpid()}")
+# A standing graph of whoever runs the tests must not be used by them, nor be stopped; nor one of earlier tests, whose
+# process had the same number.
+os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-state-{os.getpid()}-{time.time_ns()}")
 
 # A shell without job control has commands in the background ignore Ctrl-C, and what they start ignores it too.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
