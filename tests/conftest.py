@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,8 +25,23 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 for _name in ("RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_NAMESPACE", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"):
     os.environ.pop(_name, None)
 
-# A standing graph of whoever runs the tests must not be used by them, nor be stopped.
-os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-state-{os.getpid()}")
+# A standing graph of whoever runs the tests must not be used by them, nor be stopped; nor one of earlier tests, whose
+# process had the same number.
+os.environ["XDG_STATE_HOME"] = str(Path(tempfile.gettempdir()) / f"bow-test-state-{os.getpid()}-{time.time_ns()}")
+
+# A shell without job control has commands in the background ignore Ctrl-C, and what they start ignores it too.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Tests that install packages wait for a registry that is slow, or away for half a minute.
+for _name, _value in {
+    "PIP_DEFAULT_TIMEOUT": "60",
+    "PIP_RETRIES": "7",
+    "UV_HTTP_TIMEOUT": "60",
+    "UV_HTTP_RETRIES": "7",
+    "npm_config_fetch_retries": "4",
+}.items():
+    os.environ.setdefault(_name, _value)
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # how long anything takes is not tested
 hypothesis.settings.load_profile("untimed")

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from checkout import assigned, copy_sources
 
+pytestmark = pytest.mark.timeout(900)  # compiling the interfaces takes a minute, several on a busy machine
+
 COLCON = Path(sys.prefix, "bin", "colcon")
 OVER_THE_WHEELS = ("--cmake-args", "-DCMAKE_PROJECT_bow_msgs_INCLUDE=cmake/ros_wheels.cmake")
 EXECUTABLES = {"bow", "coordinator", "simulator", "classifier", "recorder", "dashboard"}
@@ -23,7 +25,7 @@ def shell(*, ros: bool) -> dict[str, str]:
 
 def colcon(place: Path, *arguments: str, ros: bool = True) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [COLCON, *arguments], cwd=place, env=shell(ros=ros), capture_output=True, text=True, timeout=280, check=False
+        [COLCON, *arguments], cwd=place, env=shell(ros=ros), capture_output=True, text=True, timeout=800, check=False
     )
 
 
@@ -126,7 +128,7 @@ def test_a_workspace_can_link_to_the_sources(built: Path, tmp_path: Path) -> Non
         env=shell(ros=True) | ros,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=800,
         check=False,
     )
     assert result.returncode == 0, result.stdout + result.stderr

@@ -70,6 +70,10 @@ class Finished:
     wall_s: float
 
 
+class _GoalLost(GraphError):
+    """The coordinator that had the goal is no more, so there is nothing to cancel."""
+
+
 class Graph(Listener):
     """A client of a standing graph. Make it with :func:`connect` or :func:`private_graph`.
 
@@ -160,6 +164,8 @@ class Graph(Listener):
                 goal, feedback = self._send(sweep, identity, check)
                 try:
                     result = self._wait(goal, identity, feedback, check, progress, patience_s)
+                except _GoalLost:
+                    raise
                 except (KeyboardInterrupt, GraphError):
                     self._cancel(goal)
                     raise
@@ -271,7 +277,7 @@ class Graph(Listener):
                 raise GraphError(f"no progress for {patience_s:g} s; {leader.detail if leader else 'nobody is heard'}")
             if leader is not None and first is not None and leader.incarnation != first.incarnation:
                 log = self.folder / LOGS / "coordinator.log"
-                raise GraphError(f"the coordinator of the standing graph was started again:\n{tail(log)}")
+                raise _GoalLost(f"the coordinator of the standing graph was started again:\n{tail(log)}")
             for node in self.nodes.values():
                 if node.role in CONSUMERS and node.state == NodeState.FAILED and node.run_id == identity:
                     raise GraphError(f"{node.role}: {node.detail}")

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 from graph import PATIENCE_S, SMALL, halted, sweeping, until
-from live_viewer import HeadlessViewer, headless_stand_in, needs_vulkan, ports_of, run_of
+from live_viewer import HeadlessViewer, eventually, headless_stand_in, needs_vulkan, ports_of, run_of
 from sockets import Socket, family, sockets_of, sockets_seen
 
 from bow_sim.graph import discovery
@@ -111,11 +111,14 @@ def test_reruns_own_viewer_does_so_and_stays(tmp_path: Path, monkeypatch: pytest
         assert_only_loopback(seen | sockets_of(viewers[0]))
         for role in ROLES:
             assert any(f"__node:={role}" in one.process for one in seen), "all were looked at"
-        (recording,) = HeadlessViewer(uri_of(ports_of([viewers[0].pid])[0])).client.get_state().recordings
-        assert run_of(run) in recording.store_id
+        (port,) = ports_of([viewers[0].pid])
+        viewer = HeadlessViewer(uri_of(port))
+        ids = lambda: [recording.store_id for recording in viewer.client.get_state().recordings]
+        eventually(lambda: len(ids()) == 1, "the viewer has one recording")
+        assert run_of(run) in ids()[0]
     finally:
-        for viewer in viewers:
-            viewer.kill()
+        for one in viewers:
+            one.kill()
 
 
 def test_nodes_by_hand_are_reached_by_this_machine_alone(tmp_path: Path) -> None:

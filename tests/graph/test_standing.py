@@ -5,28 +5,37 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, run_sweep, sweeping, until, verified
+from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, gated, run_sweep, sweeping, until, verified
 
 from bow_sim.graph.shm_files import files_of, is_port
+from bow_sweep.standing.client import CANCEL_S
 from bow_sweep.standing.state import FILE, default_folder, read_state
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.full]
 
 LONG = ["fig11d", "--nx", "32", "--ny", "16", "--set", "block_cells=8", "--periods", "60", "--no-dashboard"]
-"""512 cells in 64 blocks."""
+"""512 cells in 64 blocks of 12 chunks."""
 
 
 @pytest.fixture
-def up(ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def gate(tmp_path: Path) -> Path:
+    """The file that says how many chunks of a run the simulator of `up` publishes; without it, all."""
+    return tmp_path / "gate"
+
+
+@pytest.fixture
+def up(ros_domain: int, gate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A standing graph with one simulator; yields its folder."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    began = bow("up", "--simulators", "1", "--root", str(tmp_path / "root"))
+    with gated(gate):
+        began = bow("up", "--simulators", "1", "--root", str(tmp_path / "root"), module="gated_simulator")
     assert began.returncode == 0, began.stderr
     folder = default_folder()
     yield folder
@@ -127,8 +136,9 @@ def test_sweeps_leave_what_a_graph_of_their_own_leaves_and_nothing_is_left_of_th
 
 
 def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
-    up: Path, undisturbed_tiny: Path, tmp_path: Path
+    up: Path, gate: Path, undisturbed_tiny: Path, tmp_path: Path
 ) -> None:
+    gate.write_text("30")  # two and a half blocks of each run
     run = tmp_path / "interrupted"
     with sweeping(run, *LONG, "--out", str(run)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
@@ -141,6 +151,7 @@ def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
     with sweeping(killed, *LONG, "--out", str(killed)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 1)
         os.kill(sweep.process.pid, signal.SIGKILL)
+    gate.unlink()
     tiny = run_sweep(tmp_path / "tiny", *TINY, "--no-dashboard")  # its turn comes when the run without a client is over
     assert_same_map(undisturbed_tiny, tiny)
     assert verified(killed)["cells"] == 512
@@ -154,13 +165,17 @@ def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
     # a node is started again, and a killed coordinator costs the run in progress only
     state = read_state(up)
     assert state is not None
+    gate.write_text("30")
     other = tmp_path / "other"
     with sweeping(other, *LONG, "--out", str(other)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 1)
         nodes(state.pid, "coordinator")[0].kill()
+        killed_at = time.monotonic()
         assert sweep.wait() == 1, sweep.text
+        assert time.monotonic() - killed_at < CANCEL_S, "the next coordinator has nothing to cancel"
         assert "the coordinator of the standing graph was started again" in sweep.text
         assert f"--resume {other}" in sweep.text
+    gate.unlink()
     nodes(state.pid, "recorder")[0].kill()  # between two runs
     with sweeping(other, "--resume", str(other), "--no-dashboard") as sweep:
         assert sweep.wait() == 0, sweep.text
@@ -169,10 +184,13 @@ def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
     assert read_state(up) == state
 
 
-def test_of_a_graph_that_is_killed_nothing_is_left_and_another_can_be_started(up: Path, tmp_path: Path) -> None:
+def test_of_a_graph_that_is_killed_nothing_is_left_and_another_can_be_started(
+    up: Path, gate: Path, tmp_path: Path
+) -> None:
     state = read_state(up)
     assert state is not None
     family, files = nodes(state.pid), shared_memory(state.pid)
+    gate.write_text("30")
     run = tmp_path / "run"
     with sweeping(run, *LONG, "--out", str(run)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 1)

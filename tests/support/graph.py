@@ -114,9 +114,9 @@ def until(what: Callable[[], object], why: str) -> None:
         time.sleep(0.02)
 
 
-def bow(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end."""
-    command = [sys.executable, "-m", "bow_sweep", *arguments]
+def bow(*arguments: str, module: str = "bow_sweep") -> subprocess.CompletedProcess[str]:
+    """Run the command, or what stands for it, to its end."""
+    command = [sys.executable, "-m", module, *arguments]
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 

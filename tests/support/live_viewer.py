@@ -97,6 +97,7 @@ class HeadlessViewer:
         assert answers(uri, PATIENCE_S)
         self.uri = uri
         self.client = ViewerClient.connect(uri)
+        eventually(lambda: self.client.get_state() is not None, "the viewer answers")
 
     def open(self, what: str) -> None:
         """Open a file or an address in place of all recordings that are open."""
@@ -127,10 +128,23 @@ class HeadlessViewer:
         self.client.set_blueprint(kept, "recording")
         self.client.take_screenshot(max_size=64)  # it has painted the new layout now
 
+    def complaints(self) -> dict[str, Any]:
+        """Return what the views say that they cannot show, after they have been painted."""
+        self.client.take_screenshot(max_size=64)
+        return {view.name: view.reports for view in self.client.get_state().views if view.reports}
+
+    def picture(self, origin: str) -> np.ndarray:
+        """Return what one view of the layout paints, (height, width, 3)."""
+        identity = next(view.view_id for view in self.client.get_state().views if view.origin == origin)
+        return _pixels(self.client.take_screenshot(identity))
+
+    def window(self) -> np.ndarray:
+        """Return what the whole window shows, (height, width, 3)."""
+        return _pixels(self.client.take_screenshot())
+
     def pictures(self, *origins: str) -> dict[str, np.ndarray]:
         """Return what some views paint, (height, width, 3), after :meth:`show` has shown just these."""
-        with Image.open(io.BytesIO(self.client.take_screenshot())) as shot:
-            window = np.asarray(shot.convert("RGB")).astype(int)
+        window = self.window()
         rows, columns = -(-len(origins) // COLUMNS), min(COLUMNS, len(origins))
         height, width = (window.shape[0] - ABOVE - BELOW) // rows, window.shape[1] // columns
         found = {}
@@ -140,17 +154,9 @@ class HeadlessViewer:
         return found
 
 
-@contextlib.contextmanager
-def spawned_viewer() -> Iterator[Any]:
-    """Start a viewer by rerun's own client, which it is asked through; end it."""
-    from rerun.experimental import ViewerClient
-
-    program = str(Path(sys.executable).with_name("rerun"))
-    client = ViewerClient.spawn(headless=True, port=free_port(), hide_welcome_screen=True, executable_path=program)
-    try:
-        yield client
-    finally:
-        client.quit()
+def _pixels(png: bytes) -> np.ndarray:
+    with Image.open(io.BytesIO(png)) as shot:
+        return np.asarray(shot.convert("RGB")).astype(int)
 
 
 @contextlib.contextmanager
@@ -177,12 +183,13 @@ def eventually(holds: Callable[[], bool], what: str) -> None:
     """Wait until something holds."""
     deadline = time.monotonic() + PATIENCE_S
     while True:
+        why = ""
         try:
             if holds():
                 return
-        except (ConnectionError, TimeoutError, RuntimeError, StopIteration):  # the viewer is busy, or has no such view
-            pass
-        assert time.monotonic() < deadline, f"it never came true that {what}"
+        except (ConnectionError, TimeoutError, RuntimeError, StopIteration, ValueError) as error:
+            why = f": {error!r}"  # it is busy, or there is nothing to see yet
+        assert time.monotonic() < deadline, f"it never came true that {what}{why}"
         time.sleep(0.2)
 
 

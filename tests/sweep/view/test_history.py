@@ -60,9 +60,9 @@ def test_never_is_black_and_every_cell_has_the_colour_of_its_legend(tmp_path):
     }
     with headless_viewer() as viewer:
         viewer.open(str(path))
-        viewer.show(*wanted)
 
         def is_right() -> bool:  # as soon as the notices in the corner of the window have gone
+            viewer.show(*wanted)
             pictures = viewer.pictures(*wanted)
             return all(
                 (abs(painted(pictures[origin], plane.shape) - want[:, :, None]).max(axis=-1) <= SLACK).all()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from example_maps import HELMHOLTZ, SLIP, basin_map, inspection, map_file, plan
-from live_viewer import needs_vulkan, spawned_viewer
-from PIL import Image
+from live_viewer import HeadlessViewer, eventually, headless_viewer, needs_vulkan
 
 from bow_sim.protocol import cdr
 from bow_sim.protocol.verdict_fields import PENDING
@@ -20,7 +19,11 @@ from bow_sweep.maps.map_file import MAP, write_map_npz
 from bow_sweep.view.live_run import LiveRun
 from bow_sweep.view.tests_over_time import LEDGER
 
-SETTLE_S = 2.0
+VIEWS = {"/map", "/tests/correlation", "/tests/slips", "/tests/corners", "/regime", "/counts", "/account", "/scope"}
+VIEWS |= {"/waveform/cell_35", "/waveform/cell_70"}
+
+Colour = Sequence[int] | np.ndarray
+NEVER, FIVE, FIFTY = (0, 0, 0), transient_colours(5, 100), transient_colours(50, 100)
 
 
 @pytest.fixture(scope="module")
@@ -46,76 +49,80 @@ def shown(tmp_path_factory) -> Path:
     return show.recording.path
 
 
-@pytest.fixture(scope="module")
-def viewer(shown):
+@pytest.fixture
+def viewer(shown: Path) -> Iterator[HeadlessViewer]:
     needs_vulkan()
-    with spawned_viewer() as client:
-        client.open(str(shown))
-        time.sleep(SETTLE_S)
-        yield client
+    with headless_viewer() as viewer:
+        viewer.open(str(shown))
+        origins = lambda: {view.origin for view in viewer.client.get_state().views}
+        eventually(lambda: origins() >= VIEWS, f"the viewer has {', '.join(sorted(VIEWS))}")
+        yield viewer
 
 
-def picture(viewer, view: str) -> np.ndarray:
-    """What a view paints, (height, width, 3)."""
-    identity = next(entry.view_id for entry in viewer.get_state().views if entry.origin == f"/{view}")
-    with Image.open(io.BytesIO(viewer.take_screenshot(identity))) as screenshot:
-        return np.asarray(screenshot.convert("RGB")).astype(int)
+def near(picture: np.ndarray, colour: Colour, slack: int = 6) -> np.ndarray:
+    """Which pixels of a picture have a colour, within `slack` in each channel, (height, width) bool."""
+    found: np.ndarray = abs(picture - np.array(colour)).max(axis=-1) <= slack
+    return found
 
 
-def share_of(picture: np.ndarray, colour, slack: int = 6) -> float:
-    """The share of a picture that has a colour, within `slack` in each channel."""
-    return float((abs(picture - np.array(colour)).max(axis=-1) <= slack).mean())
+def share_of(viewer: HeadlessViewer, colour: Colour) -> float:
+    """The share of the map's view that has a colour."""
+    return float(near(viewer.picture("/map"), colour).mean())
 
 
-@pytest.mark.full
-def test_every_view_is_there_and_none_complains(viewer):
-    state = viewer.get_state()
-    origins = {view.origin for view in state.views}
-    assert {"/map", "/tests/correlation", "/tests/slips", "/tests/corners", "/regime"} <= origins
-    assert {"/counts", "/account", "/scope", "/waveform/cell_35", "/waveform/cell_70"} <= origins
-    assert {view.name: view.reports for view in state.views if view.reports} == {}
-    assert state.recordings[0].current_timeline == "sweep"
-    assert {timeline.name for timeline in state.recordings[0].timelines} == {"log_time", "sweep", "sample", "test"}
-
-
-@pytest.mark.full
-def test_the_map_is_painted_the_right_way_up_in_its_colours(viewer):
-    painted = picture(viewer, "map")
-    where = {
-        name: np.argwhere(abs(painted - np.array(colour)).max(axis=-1) <= 6)
-        for name, colour in {"never": (0, 0, 0), "pending": GREY, "fifty": transient_colours(50, 100)}.items()
-    }
-    width = painted.shape[1]
-    middle = {name: places[places[:, 1] < 0.75 * width][:, 0].mean() for name, places in where.items()}  # not the scale
-    assert middle["pending"] < middle["fifty"] < middle["never"]  # rows count downwards: pending is the highest y
-    assert share_of(painted, GREY) > 0.03
-    lowest = painted[int(middle["never"]) :, :]
-    assert share_of(lowest, transient_colours(5, 100)) > 0  # the first cell, at the bottom left
+def is_right_way_up(painted: np.ndarray) -> bool:
+    """Whether a picture shows the map, with its rows where they should be: the pending one has the highest y."""
+    cells = painted[:, : int(0.75 * painted.shape[1])]  # beside it is the scale
+    rows = [np.argwhere(near(cells, colour))[:, 0] for colour in (GREY, FIFTY, NEVER)]
+    if not all(map(len, rows)):
+        return False
+    pending, fifty, never = (float(found.mean()) for found in rows)  # they count downwards
+    lowest = painted[int(never) :]
+    return pending < fifty < never and bool(near(lowest, FIVE).any())  # the first cell, at the bottom left
 
 
 @pytest.mark.full
-def test_maps_stay_while_waveforms_are_scrubbed(viewer):
-    before = picture(viewer, "map")
-    viewer.set_time("sample", sequence=5000)
-    time.sleep(SETTLE_S)
-    state = viewer.get_state()
-    assert state.recordings[0].current_timeline == "sample"
-    assert {view.name: view.reports for view in state.views if view.reports} == {}
-    again = picture(viewer, "map")
-    for colour in (GREY, transient_colours(50, 100)):
-        assert share_of(again, colour) == pytest.approx(share_of(before, colour), abs=0.01)
+def test_every_view_is_there_and_none_complains(viewer: HeadlessViewer) -> None:
+    lines = {"log_time", "sweep", "sample", "test"}
+    recording = lambda: viewer.client.get_state().recordings[0]
+    eventually(lambda: {timeline.name for timeline in recording().timelines} == lines, f"the timelines are {lines}")
+    assert recording().current_timeline == "sweep"
+    assert viewer.complaints() == {}
 
 
 @pytest.mark.full
-def test_the_map_of_each_test_has_its_colours_in_whatever_order_one_looks(viewer):
-    def shown(periods: int, colour) -> float:
-        viewer.set_time("test", sequence=periods, play_state="paused")
-        time.sleep(SETTLE_S)
-        return share_of(picture(viewer, "map"), colour)
+def test_the_map_is_painted_the_right_way_up_in_its_colours(viewer: HeadlessViewer) -> None:
+    eventually(lambda: is_right_way_up(viewer.picture("/map")), "the map is the right way up")
+    assert share_of(viewer, GREY) > 0.03
 
-    whole = shown(0, GREY)
-    assert whole > 0.3
-    assert shown(5, (0, 0, 0)) == pytest.approx(7 / 8 * whole, rel=0.1)  # of eight rows the last is pending
+
+@pytest.mark.full
+def test_maps_stay_while_waveforms_are_scrubbed(viewer: HeadlessViewer) -> None:
+    eventually(lambda: is_right_way_up(viewer.picture("/map")), "the map is the right way up")
+    shares = lambda: [share_of(viewer, colour) for colour in (GREY, FIFTY)]
+    before = shares()
+    viewer.client.set_time("sample", sequence=5000)
+    timeline = lambda: viewer.client.get_state().recordings[0].current_timeline
+    eventually(lambda: timeline() == "sample", "the time is that of the waveforms")
+    assert viewer.complaints() == {}
+    eventually(lambda: shares() == pytest.approx(before, abs=0.01), "the map is as it was")
+
+
+@pytest.mark.full
+def test_the_map_of_each_test_has_its_colours_in_whatever_order_one_looks(viewer: HeadlessViewer) -> None:
+    def after(periods: int) -> None:
+        viewer.client.set_time("test", sequence=periods, play_state="paused")
+
+    def comes_to(colour: Colour, share: float, rel: float) -> None:
+        eventually(lambda: share_of(viewer, colour) == pytest.approx(share, rel=rel), f"{share} of it is {colour}")
+
+    after(0)
+    eventually(lambda: share_of(viewer, GREY) > 0.3, "no cell is computed")
+    whole = share_of(viewer, GREY)
+    after(5)
+    comes_to(NEVER, 7 / 8 * whole, rel=0.1)  # of eight rows the last is pending
     for _ in range(2):
-        assert shown(50, transient_colours(50, 100)) == pytest.approx(5 / 8 * whole, rel=0.1)
-        assert shown(0, GREY) == pytest.approx(whole, rel=0.02)
+        after(50)
+        comes_to(FIFTY, 5 / 8 * whole, rel=0.1)
+        after(0)
+        comes_to(GREY, whole, rel=0.02)
