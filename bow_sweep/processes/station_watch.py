@@ -9,7 +9,7 @@ from collections import Counter
 from bow_msgs.msg import Health
 
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_process import exit_after, leave
+from bow_sim.graph.leaving import at_end
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sim.protocol.states import NodeState
 from bow_sweep.processes.interrupts import Interrupts
@@ -89,9 +89,7 @@ def watch_station(
         graph.join()
         _watch(supervisor, graph, display, interrupts, stays)
     finally:
-        graph.leave()
-        leave()
-        exit_after(0)
+        at_end(graph.leave)
 
 
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts, stays: bool) -> None:
