@@ -2,6 +2,7 @@
 
 node_base     the base class of all nodes: quality of service, health, plans
 node_process  one node as a process, from its start until Ctrl-C
+leaving       the end of a process: leaving DDS, within bounds
 run_log       what a node says of a run in its log
 outbox        messages that must all be published, in order, also while a subscriber hangs
 serialized    messages in CDR that are published from where they are

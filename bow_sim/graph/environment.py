@@ -5,6 +5,7 @@ Imports the standard library only, and little of it: a command calls :func:`prep
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import signal
 import sys
@@ -32,8 +33,11 @@ _PACKAGES = ("rclpy", "rpyutils", "rosidl_", "ament_", "rosbag2_")
 _INTERFACES = ("_msgs", "_interfaces", "_srvs")
 
 
+_NEEDED = {"rclpy": "ROS 2 for Python", "bow_msgs": "the messages of the graph"}
+
+
 class EnvironmentProblem(ValueError):
-    """A variable with which the graph cannot work; the text names it, and what would be right."""
+    """Something with which the graph cannot work; the text names it, and what would be right."""
 
 
 def prepare() -> None:
@@ -168,8 +172,14 @@ def clean() -> str:
     Raises
     ------
     EnvironmentProblem
-        As :func:`check`.
+        As :func:`check`, and where a Python package of ROS is not installed.
     """
+    for name, what in _NEEDED.items():
+        if importlib.util.find_spec(name) is None:
+            raise EnvironmentProblem(
+                f"no graph starts without the package {name}, {what}, which {sys.executable} does not find: use the "
+                "Python in which ROS 2 and bow_msgs are installed, or install them, as docs/install.md says"
+            )
     check(os.environ)
     right = cleaned(os.environ)
     asked = right.pop(RMW, "")

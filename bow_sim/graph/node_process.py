@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import os
 import signal
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,15 +18,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from bow_sim.graph import discovery, environment
+from bow_sim.graph.leaving import LEAVE_S, cancel_exit, destroy_entities, exit_after
 from bow_sim.graph.node_base import BowNode, StartupError
 from bow_sim.graph.scheduling import use_batch_scheduling
-from bow_sim.graph.shm_files import files_of
 from bow_sim.graph.shm_notes import Note
 from bow_sim.protocol.neighbours import LEFT
-
-LEAVE_S = 10
-"""A closed node whose DDS entities are not destroyed in this time is ended by SIGALRM: Fast DDS sometimes waits for
-ever where many nodes end at once, or where a process was killed while it held a shared-memory lock."""
 
 
 def keep_freed_memory() -> None:
@@ -43,17 +37,9 @@ def keep_freed_memory() -> None:
         mallopt(mmap_threshold, kept)
 
 
-def leave() -> None:
-    """Destroy the DDS entities: call it after the last node is destroyed, when nothing refers to node and executor.
-
-    A process that ends without it may exit holding a shared-memory lock and block other processes. A collection takes
-    some hundredths of a second where libraries were loaded; most nodes have destroyed everything themselves.
-    """
-    if files_of(os.getpid()):
-        gc.collect()
-
-
-def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, description: str = "") -> int:
+def run_node(
+    make: Callable[[], BowNode], args: Sequence[str] | None = None, description: str = "", exit_s: float = 0.0
+) -> int:
     """Run one node until SIGINT or SIGTERM; return the exit status of its process.
 
     Parameters
@@ -64,6 +50,8 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
         Command line; that of the process if None.
     description
         What ``--help`` prints.
+    exit_s
+        Seconds that the process has to exit after this, where a library may wait for ever; 0 for no limit.
 
     Returns
     -------
@@ -116,12 +104,12 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
                 for each in (*node.companions, node):
                     each.close()
                     each.log_end()
-                    exit_after(LEAVE_S)
+                    exit_after(LEAVE_S, status)
                     each.set_state(Health.CLOSED, LEFT)
             except Exception:
                 traceback.print_exc()
                 status = 1
-        exit_after(LEAVE_S)
+        exit_after(LEAVE_S, status)
         executor.shutdown()
         if node is not None:
             for each in (*node.companions, node):
@@ -130,18 +118,9 @@ def run_node(make: Callable[[], BowNode], args: Sequence[str] | None = None, des
         rclpy.try_shutdown()
         node = None
         del executor
-        leave()
+        destroy_entities()
         note.close()
-        exit_after(0)
+        cancel_exit()
+        if exit_s:
+            exit_after(exit_s, status, "a library does not let this process exit: it ends without that")
     return status
-
-
-def exit_after(seconds: int) -> None:
-    """Have SIGALRM end this process after so many seconds, whatever it waits for; 0 cancels it.
-
-    Does nothing outside the main thread: such a process runs more than the node.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        return
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.alarm(seconds)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import re
 
+from bow_sim.protocol.messages import STREAMS
+
 LONGEST_NAME = 32
 
 NAME = re.compile(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}")
@@ -19,7 +21,7 @@ MOST_STATIONS = 1024
 STATION_ROLES = ("recorder", "classifier", "simulator")
 """Roles of the nodes that belong to a station; all others belong to the run."""
 
-STATION_TOPICS = ("bridge_force", "stick_slip", "verdicts", "receipts")
+STATION_TOPICS = (*STREAMS, "verdicts", "receipts")
 """Topics that each station has for itself; all others are those of the run, but for heartbeats, see `HEALTH`."""
 
 HEALTH, STATION_HEALTH = "health", "station_health"

@@ -21,7 +21,7 @@ from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_records import Message
 from bow_sweep.record.mcap_writer import FOOTER_SIZE, MAGIC
 from bow_sweep.record.notes import too_new
-from bow_sweep.record.run_bags import in_words, read_run
+from bow_sweep.record.run_bags import NOT_HERE, in_words, read_run
 
 
 class DamagedCell(CellError):
@@ -174,7 +174,7 @@ class BagCells:
 
     def _elsewhere(self, block: int) -> str:
         station = in_words(self._survey.counts_from[block])
-        return f"its block {block} was done at {station}, whose bag is not here; `bow collect` brings it"
+        return f"its block {block} was done at {station}, {NOT_HERE}"
 
     def force(self, cell: int, chunk: int) -> np.ndarray | None:
         """Return the bridge force of a cell in one chunk, (samples,) float32; None where the bag does not have it.

@@ -7,7 +7,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from bow_sim.graph import environment
+from bow_sim.graph import environment, leaving
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import FAILED, INTERRUPTED
 from bow_sweep.processes.roles import MODULES
@@ -56,6 +56,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from bow_sweep.cli import nodes
 
         return nodes.run_node(words[0], words[1:])
+    return leaving.run_command(lambda: _run(words))
+
+
+def _run(words: Sequence[str]) -> int:
     try:
         args = parser(words[0] if words else "").parse_args(words)
         status: int = args.run(args)

@@ -78,6 +78,7 @@ def _station(args: argparse.Namespace) -> int:
         return fail(f"--simulators {args.simulators}: should be at least 1")
     if not environment_is_ready():
         return USAGE
+    from bow_sweep.processes.run_graph import has_finished
     from bow_sweep.run.errors import RunError
 
     try:
@@ -90,10 +91,28 @@ def _station(args: argparse.Namespace) -> int:
         return fail(str(error))
     except discovery.NetworkError as error:
         return fail(f"--network {error}")
+    if Path(args.joined).is_dir() and has_finished(Path(args.joined)):
+        warn(f"{args.joined}: the run is over, there is nothing to join")
+        return DONE
     most = bounded(simulators, cores())
     if most < simulators and args.simulators:
         warn(f"--simulators {simulators}: {most} are started, more do not start well here")
     return _join(args, name, run_id, most)
+
+
+def _was_closed(bag: Path) -> bool:
+    """Return whether the bag that a station has left says that the run was closed."""
+    from bow_sim.protocol.states import PlanState
+    from bow_sweep.record.bag import BagError, bag_files
+    from bow_sweep.record.index_contents import IndexSurvey
+
+    if not bag_files(bag):
+        return False
+    try:
+        plan = IndexSurvey(bag).read().plan
+    except (BagError, OSError):
+        return False
+    return bool(plan) and plan["state"] == PlanState.CLOSED
 
 
 def _identity(run: str) -> str:
@@ -163,6 +182,7 @@ def _join(args: argparse.Namespace, name: str, run_id: str, simulators: int) -> 
                 sync=not args.no_sync,
                 lock=not args.no_lock,
                 root=root,
+                was_closed=root is None and _was_closed(bag),
             )
     except KeyboardInterrupt:
         problem, status = f"interrupted; the {of} goes on without station {name}; {again}", INTERRUPTED

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from bow_sim.graph import discovery
 from bow_sim.graph.exposure import TRUST
+from bow_sim.graph.leaving import close_all
 from bow_sim.physics.errors import ParameterError
 from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
@@ -296,6 +297,7 @@ def run_jobs(
                     left_out += _newly_left_out(graph, owned.directory, left_out, display)
                     problem = check()
                 else:
+                    close_all(FAILED, again)  # the node of the run before
                     without, problem = run_graph(
                         job.directory,
                         job.run_id,

@@ -112,7 +112,7 @@ def _remedy(directory: Path, bag: Path, identity: RunIdentity | None) -> str:
 def check_lost(directory: Path, survey: RunSurvey, lost: Collection[str]) -> None:
     """Raise RunError where a station that is said to be lost has its bag here, or no blocks that are missed."""
     for station in lost:
-        if station in survey.bags:
+        if station in survey.bags and station not in survey.unseen:
             raise RunError(
                 f"--lost {station}: its bag is here, {directory / FOLDER / station}: what is whole in it stays, "
                 "and the rest is computed again without --lost"
@@ -130,7 +130,7 @@ def need_all_bags(directory: Path, survey: RunSurvey, lost: Collection[str]) -> 
         lines = (f"{in_words(name)}: blocks {_listed(blocks)}" for name, blocks in sorted(absent.items()))
         flags = " ".join(f"--lost {station}" for station in sorted(absent))
         raise RunError(
-            f"{directory}: the bags of some stations are not here:\n  " + "\n  ".join(lines) + "\n"
+            f"{directory}: blocks are not here that some stations have recorded:\n  " + "\n  ".join(lines) + "\n"
             f"to bring them here: bow collect {run} WHERE_THEY_ARE\n"
             f"if they are lost, to compute these blocks again: bow sweep --resume {run} {flags}"
         )

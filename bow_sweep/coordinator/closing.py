@@ -10,6 +10,9 @@ from bow_sim.protocol.states import NodeState
 IDLE_S = 10.0
 """Seconds that a dashboard without a run, perhaps still starting, has to take up the run after its plan has closed."""
 
+NEXT_S = 5.0
+"""Seconds in which one that was killed is heard again, started by its supervisor, unless it is left out."""
+
 DRAW_S = 20.0
 """Seconds that a dashboard has to draw its last picture: it may hang, and no result depends on it."""
 
@@ -49,13 +52,18 @@ def waits_for(
     silent
         Returns for how many seconds a node was not heard, by its full name.
     """
-    ended, late = (NodeState.CLOSED, NodeState.FAILED, NodeState.DEAD), waited > IDLE_S
+    late = waited > IDLE_S
     of_run = [node for node in nodes if node.run_id == run_id or (not node.run_id and not late)]
     recorders = [node for node in of_run if node.role == "recorder"]
     closed = {station_of(node.node) for node in recorders if node.state in (NodeState.CLOSED, NodeState.FAILED)}
     there = {station_of(node.node) for node in recorders if silent(node.node) <= GONE_S}
     recorded = bool(closed) and there <= closed
-    drawn = [node.state in ended for node in of_run if node.role == "dashboard"]
+    drawn = [
+        node.state in (NodeState.CLOSED, NodeState.FAILED)
+        or (node.state == NodeState.DEAD and silent(node.node) > NEXT_S)
+        for node in of_run
+        if node.role == "dashboard"
+    ]
     if not recorded and waited <= CLOSE_S:
         return "recorder"
     all_drawn = all(drawn) and (drawn or late or not shown)

@@ -12,6 +12,10 @@ from bow_sim.protocol.neighbours import SILENT_S
 FOUND_S = 60.0
 """A station ends that has not heard the coordinator of its run for this long after its start."""
 
+OVER_S = 20.0
+"""So long it waits for one where its own bag says that the run was closed: the run is over, unless somebody resumes it
+to compute something again."""
+
 LOST_S = 120.0
 """A station ends that has heard the coordinator of its run, and then none for this long. Until then somebody may resume
 the run: the station goes on with it."""
@@ -30,6 +34,8 @@ class Leader:
     ----------
     awaited
         What brings back one that is away, for people.
+    was_closed
+        The bag of the station says that the run was closed.
 
     Attributes
     ----------
@@ -39,8 +45,8 @@ class Leader:
         It has ended by itself.
     """
 
-    def __init__(self, awaited: str = "`bow sweep --resume RUN` on its machine") -> None:
-        self._awaited = awaited
+    def __init__(self, awaited: str = "`bow sweep --resume RUN` on its machine", was_closed: bool = False) -> None:
+        self._awaited, self._was_closed = awaited, was_closed
         self.has_left = False
         self._began: float | None = None
         self._heard: float | None = None
@@ -85,13 +91,20 @@ class Leader:
             )
         return "the coordinator is heard again: this station goes on" if before and not self._away else ""
 
+    def is_over(self, now: float) -> bool:
+        """Return whether the run has ended before this station came: it was closed, and no coordinator is heard."""
+        return self._was_closed and self._heard is None and self._waited(now) > OVER_S
+
     def lost(self, now: float) -> str:
         """Return why nothing more is to be expected of the run; "" while something is."""
-        if self._began is None:
-            self._began = now
         if self._heard is None:
-            why = "is the run in progress, and does it ask for other machines (--network)?"
-            return f"no coordinator is heard for {FOUND_S:g} s: {why}" if now - self._began > FOUND_S else ""
+            why = "is the run in progress, and does it ask for other machines (--network)? A run that is over has none"
+            return f"no coordinator is heard for {FOUND_S:g} s: {why}" if self._waited(now) > FOUND_S else ""
         if now - self._heard <= LOST_S:
             return ""
         return f"the coordinator {self.has_ended or 'is not heard'}, and none is there for {LOST_S:g} s"
+
+    def _waited(self, now: float) -> float:
+        """Return the seconds since the first call."""
+        self._began = now if self._began is None else self._began
+        return now - self._began

@@ -25,6 +25,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from bow_classifier.task import Task
 from bow_sim.graph.discovery import apply_defaults
+from bow_sim.graph.leaving import at_end
 from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, STREAM, STREAM_WRITER, BowNode
 from bow_sim.protocol import cdr
 from bow_sim.protocol.flow_control import LIMIT, LIMIT_BYTES
@@ -206,7 +207,10 @@ class _Graph:
 
     def close(self) -> None:
         """Stop the classifier and leave the graph."""
+        at_end(self._leave)
         self.supervisor.stop(idle=True)
+
+    def _leave(self) -> None:
         self.executor.shutdown()
         for node in self.nodes:
             node.destroy_node()

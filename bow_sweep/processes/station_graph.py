@@ -23,6 +23,7 @@ def run_station(
     sync: bool = True,
     lock: bool = True,
     root: Path | None = None,
+    was_closed: bool = False,
 ) -> None:
     """Be a station of a run until that closes, or of a standing graph until that ends.
 
@@ -42,6 +43,8 @@ def run_station(
         Lock the bag.
     root
         Of a standing graph, the directory in which each run has one, named by it, with ``bag/STATION``; None for a run.
+    was_closed
+        The bag that is there says that the run was closed: without a coordinator the run is over.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def run_station(
             from bow_sweep.processes.station_watch import watch_station  # load_ros has loaded ROS
 
             gc.enable()
-            watch_station(supervisor, station, display, interrupts, stays=root is not None)
+            watch_station(supervisor, station, display, interrupts, stays=root is not None, was_closed=was_closed)
         finally:
             # All at once: what is under way is computed again by others, and the recorder needs its time.
             killed = supervisor.stop(idle=True)

@@ -9,7 +9,7 @@ from collections import Counter
 from bow_msgs.msg import Health
 
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_process import exit_after, leave
+from bow_sim.graph.leaving import at_end
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sim.protocol.states import NodeState
 from bow_sweep.processes.interrupts import Interrupts
@@ -63,7 +63,12 @@ class StandingStationNode(StationNode):
 
 
 def watch_station(
-    supervisor: Supervisor, station: str, display: Display, interrupts: Interrupts, stays: bool = False
+    supervisor: Supervisor,
+    station: str,
+    display: Display,
+    interrupts: Interrupts,
+    stays: bool = False,
+    was_closed: bool = False,
 ) -> None:
     """Show the progress of the run until it closes and the bag of the station is closed.
 
@@ -71,6 +76,8 @@ def watch_station(
     ----------
     stays
         The station is of a standing graph, for all of its runs, until that ends.
+    was_closed
+        Its bag says that the run was closed.
 
     Raises
     ------
@@ -83,15 +90,12 @@ def watch_station(
     gc.freeze()  # modules stay loaded: collections need not look at them
     run_id = NO_RUN if stays else supervisor.namespace.rpartition("/")[2]
     graph = Connection(supervisor, run_id, StandingStationNode if stays else StationNode, station)
-    if stays:
-        graph.seen.leader = Leader("its graph to start it again")
+    graph.seen.leader = Leader("its graph to start it again") if stays else Leader(was_closed=was_closed)
     try:
         graph.join()
         _watch(supervisor, graph, display, interrupts, stays)
     finally:
-        graph.leave()
-        leave()
-        exit_after(0)
+        at_end(graph.leave)
 
 
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts, stays: bool) -> None:
@@ -114,6 +118,9 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
             raise GraphError(seen.failed)
         if stays and seen.leader.has_left:
             display.print_line("the graph has ended")
+            return
+        if seen.leader.is_over(now):
+            display.print_line("no coordinator is heard, and this station's bag was closed with the run: it is over")
             return
         if not seen.closed:
             _look_after_run(supervisor, graph, now, display, restarts, stays)

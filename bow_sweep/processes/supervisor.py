@@ -16,8 +16,9 @@ from pathlib import Path
 
 import setproctitle
 
+from bow_sim.graph.leaving import at_end
 from bow_sim.graph.parent import end_with_parent
-from bow_sim.graph.shm_notes import SUPERVISED, remove_leftovers
+from bow_sim.graph.shm_notes import SUPERVISED, Note, remove_leftovers
 from bow_sim.protocol.stations import named, namespace_of
 from bow_sweep.processes.exit_status import DONE
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
@@ -237,9 +238,8 @@ class Supervisor:
 
     def _effective_status(self, child: Child, status: int) -> int:
         """Return the exit status of a child; 0 where it had done its work before."""
-        late = status == -signal.SIGALRM  # DDS did not let it exit, see node_process.LEAVE_S
         done = status == UNKNOWN and child.role == "coordinator" and self._finished()
-        return DONE if late or done else status
+        return DONE if done else status
 
     def restart(self, exit_: Exit) -> Child:
         """Start a process in place of one that has exited.
@@ -309,6 +309,9 @@ class Supervisor:
         if self._cleaner is not None:
             self._cleaner.close(STOP_S)
             self._cleaner = None
+            note = Note()  # of what this process may leave where it does not leave DDS
+            note.update()
+            at_end(note.close)
         if self._logs_before is None:
             os.environ.pop(ROS_LOGS, None)
         else:

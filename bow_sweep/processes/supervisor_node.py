@@ -20,8 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 from bow_classifier.verdict.regimes import REGIMES
 from bow_sim.graph.diagnosis import network_hints
 from bow_sim.graph.discovery import apply_defaults
+from bow_sim.graph.leaving import at_end, destroy_entities
 from bow_sim.graph.node_base import LATCHED, LATCHED_DEEP, BowNode
-from bow_sim.graph.node_process import LEAVE_S, exit_after, leave
 from bow_sim.protocol import cdr
 from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sim.protocol.stations import namespace_of, station_of
@@ -128,11 +128,12 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
     """
     apply_defaults()
     gc.freeze()  # modules stay loaded: collections need not look at them
+    graph = Connection(supervisor, supervisor.namespace.rpartition("/")[2])
     try:
-        _with_node(supervisor, display, interrupts)
+        graph.join()
+        _watch(supervisor, graph, display, interrupts)
     finally:
-        leave()
-        exit_after(0)
+        at_end(graph.leave)
 
 
 class Connection:
@@ -192,22 +193,13 @@ class Connection:
 
     def leave(self) -> None:
         """End all nodes."""
-        exit_after(LEAVE_S)
         while self._made:
             context, executor, node = self._made.pop()
             executor.shutdown()
             node.destroy_node()
             context.try_shutdown()
-
-
-def _with_node(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
-    """Make a node in the graph, and watch as long as it exists."""
-    graph = Connection(supervisor, supervisor.namespace.rpartition("/")[2])
-    try:
-        graph.join()
-        _watch(supervisor, graph, display, interrupts)
-    finally:
-        graph.leave()
+            del context, executor, node
+        destroy_entities()
 
 
 def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:

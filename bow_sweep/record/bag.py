@@ -25,6 +25,10 @@ from bow_sweep.record.old_messages import complete, lacks
 from bow_sweep.record.topics import Topic, short_name
 
 METADATA = "metadata.yaml"
+
+COLLECTED = "collected"
+"""File beside those of a bag that `bow collect` has brought: the station may have recorded more since. It says where
+the bag is from."""
 FOLDER = "bag"
 """Name of the bag in a run directory, in which those of its stations are, ``bag/NAME``."""
 

@@ -21,7 +21,7 @@ from bow_sim.atomic_files import sync_directory
 from bow_sim.graph.parent import end_with_parent
 from bow_sim.protocol import cdr
 from bow_sweep.record.aside import PIECE, folder_of, free_name
-from bow_sweep.record.bag import FOLDER, METADATA, bag_files, bag_folder, label, station_of_bag
+from bow_sweep.record.bag import COLLECTED, FOLDER, METADATA, bag_files, bag_folder, label, station_of_bag
 from bow_sweep.record.bag_contents import Progress, RunIdentity
 from bow_sweep.record.mcap_reader import Scan
 from bow_sweep.record.mcap_writer import MAGIC
@@ -109,6 +109,7 @@ def collect(
             _check(bag, f"{source}: bag {bag.name}", identity)
         made = Collected([], [])
         for bag in found:
+            (bag / COLLECTED).write_text(f"{source}\n")
             _take_place(bag, bag_folder(run, bag.name), made, log)
     return made
 

@@ -13,12 +13,14 @@ from typing import Any
 
 from bow_sim.protocol import stations
 from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
-from bow_sweep.record.bag import bag_files, bag_of, bags_in, run_of_bag, station_of_bag
+from bow_sweep.record.bag import COLLECTED, bag_files, bag_of, bags_in, run_of_bag, station_of_bag
 from bow_sweep.record.bag_contents import MAX_PROBLEMS, Key, Progress, RunIdentity, Survey
 from bow_sweep.run.ledger_file import done_at, read_leniently
 
 UNKNOWN = "?"
 """Station of blocks that are done in a bag which is not here, where no ledger names it."""
+
+NOT_HERE = "whose bag is not here, or was collected before; `bow collect` brings it"
 
 
 class RunSurvey(Survey):
@@ -39,10 +41,13 @@ class RunSurvey(Survey):
     ----------
     bags
         Station -> the contents of its bag, of those that are of this run.
+    copies
+        Stations whose bags `bow collect` has brought.
     counts_from
         Block -> the station from whose bag it counts, here or not.
     unseen
-        Station -> its blocks that no bag here has whole, while its own bag is not here.
+        Station -> its blocks that no bag here has whole, while its own bag is not here, or was collected before they
+        were done.
     """
 
     def __init__(
@@ -54,6 +59,7 @@ class RunSurvey(Survey):
     ) -> None:
         super().__init__(directory)
         self.bags = dict(bags)
+        self.copies = {station for station, bag in bags.items() if (bag.directory / COLLECTED).is_file()}
         self.counts_from: dict[int, str] = {}
         self.unseen: dict[str, list[int]] = {}
         self._leave_out_other_runs(identity)
@@ -107,18 +113,29 @@ class RunSurvey(Survey):
             having = [station for station, blocks in parts.items() if block in blocks]
             named = (done or {}).get(block)
             having.sort(key=lambda station: station != named)
-            whole = [station for station in having if not self.bags[station].lacks(block)]
+            early = {station for station in self.bags if self._was_collected_before(block, station)}
+            whole = [station for station in having if station not in early and not self.bags[station].lacks(block)]
             if elsewhere and block < len(states) and states[block] == BlockState.DONE and not self._promised(block):
                 named = UNKNOWN
             if whole:
                 self.counts_from[block] = whole[0]
-                self._tell_of_another(block, named, whole[0])
-            elif named and named not in self.bags:
+                if named not in early:
+                    self._tell_of_another(block, named, whole[0])
+            elif named and (named not in self.bags or named in early):
                 self.counts_from[block] = named
                 self.unseen.setdefault(named, []).append(block)
             else:
                 most = max(having, key=lambda station: (station == named, parts[station][block]), default="")
                 self.counts_from[block] = most if named is None else named
+
+    def _was_collected_before(self, block: int, station: str) -> bool:
+        """Return whether the bag of a station is a copy that ends before a block was done, by all that it states."""
+        if station not in self.copies:
+            return False
+        bag = self.bags[station]
+        states = bag.plan["block_states"] if bag.plan else ()
+        is_done = block < len(states) and states[block] == BlockState.DONE
+        return not is_done and (ReceiptKind.BLOCK, block, 0) not in bag.receipts
 
     def _promised(self, block: int) -> bool:
         """Return whether a bag here states that a whole block is on its disk."""
@@ -138,7 +155,7 @@ class RunSurvey(Survey):
             return
 
         def counts(block: int) -> bool:
-            return self.counts_from.get(block, station) == station
+            return self.counts_from.get(block, station) == station and not self.is_unseen(block)
 
         for topic, places in bag.places.items():
             self.places[topic].update((key, place) for key, place in places.items() if counts(key[0]))
@@ -166,7 +183,7 @@ class RunSurvey(Survey):
         return stations.named(self.counts_from.get(block, ""))
 
     def is_unseen(self, block: int) -> bool:
-        """Return whether a block was done where its bag is not here."""
+        """Return whether a block was done where its bag is not here, or goes on."""
         return block in self.unseen.get(self.counts_from.get(block, ""), ())
 
     def is_receipted(self, block: int) -> bool:
@@ -214,10 +231,10 @@ def read_run(
 
 
 def unseen_in_words(unseen: Mapping[str, Sequence[int]]) -> Iterator[str]:
-    """Yield a line for each station whose bag is not here; `unseen` as of :class:`RunSurvey`."""
+    """Yield a line for each station whose blocks are not here; `unseen` as of :class:`RunSurvey`."""
     for station, blocks in sorted(unseen.items()):
         what = f"{len(blocks)} block{'s' * (len(blocks) != 1)} of {in_words(station)}"
-        yield f"not seen: {what}, whose bag is not here; `bow collect` brings it"
+        yield f"not seen: {what}, {NOT_HERE}"
 
 
 def in_words(station: str) -> str:

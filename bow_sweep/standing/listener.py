@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bow_sim.graph.leaving import at_end, destroy_entities
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.states import NodeState
 from bow_sim.protocol.stations import HEALTH, STATION_HEALTH
@@ -89,14 +90,15 @@ class Listener:
         self._executor.add_node(self._node)
 
     def close(self) -> None:
-        """Leave the graph."""
-        from bow_sim.graph.node_process import leave
+        """Leave the graph; a command does that when its work is done."""
+        at_end(self._leave)
 
+    def _leave(self) -> None:
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
         del self._executor, self._node
-        leave()
+        destroy_entities()
 
     def spin(self, seconds: float = SPIN_S) -> None:
         """Take in what comes within a time; update :attr:`nodes`."""

@@ -17,6 +17,7 @@ from typing import Any
 import setproctitle
 
 from bow_sim.graph import environment
+from bow_sim.graph.leaving import run_command
 from bow_sim.graph.process_stat import start_of
 from bow_sim.protocol.identity import random_id
 from bow_sim.protocol.inspected import SPREAD
@@ -65,16 +66,21 @@ def main() -> int:
         print_line(str(error))
         return FAILED
     try:
+        return run_command(lambda: _keep_until_the_end(folder, options))
+    finally:
+        (folder / FILE).unlink(missing_ok=True)
+        remove_places(folder / PLACES)
+        os.close(lock)
+
+
+def _keep_until_the_end(folder: Path, options: dict[str, Any]) -> int:
+    try:
         _keep(folder, options)
     except (GraphError, OSError) as error:
         print_line(f"the graph ends: {error}")
         return FAILED
     except KeyboardInterrupt:
         print_line("the graph was told to end")
-    finally:
-        (folder / FILE).unlink(missing_ok=True)
-        remove_places(folder / PLACES)
-        os.close(lock)
     return DONE
 
 

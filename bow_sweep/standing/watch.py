@@ -11,7 +11,7 @@ from pathlib import Path
 from bow_msgs.msg import Health
 
 from bow_sim.graph.discovery import apply_defaults
-from bow_sim.graph.node_process import exit_after, leave
+from bow_sim.graph.leaving import at_end
 from bow_sim.protocol.neighbours import Neighbour
 from bow_sweep.processes.interrupts import Interrupts
 from bow_sweep.processes.observed import NO_RUN
@@ -68,10 +68,7 @@ def watch(
         connection.join()
         _watch(supervisor, connection, print_line, interrupts, when_ready, when_left_out, is_over)
     finally:
-        connection.leave()
-        del connection
-        leave()
-        exit_after(0)
+        at_end(connection.leave)
 
 
 def _watch(

@@ -20,7 +20,7 @@ from rclpy.subscription import Subscription
 
 from bow_sim.graph.imports import absent, uncollected
 from bow_sim.graph.node_base import INSPECT, LATCHED, STREAM, BowNode, StartupError
-from bow_sim.graph.node_process import exit_after, run_node
+from bow_sim.graph.node_process import run_node
 from bow_sim.protocol import cdr
 from bow_sim.protocol.inspected import SPREAD, spread_over
 from bow_sim.protocol.measured import is_measured
@@ -49,8 +49,8 @@ viewer that is open already.
 TICK_S = 0.1
 """Between two updates of the display."""
 
-EXIT_S = 3
-"""If the disk is full, rerun waits for its writer for ever when Python exits; SIGALRM ends the process after this."""
+EXIT_S = 3.0
+"""If the disk is full, rerun waits for its writer for ever when Python exits; the process then ends after this."""
 
 INSPECT_DEPTH = 500
 """The chunks of a block arrive in a burst; with this history depth they are kept, though `inspect` is best effort."""
@@ -290,9 +290,7 @@ def main() -> int:
         import pyarrow
 
         pyarrow.array(np.zeros(1)), pyarrow.array([""])
-    status = run_node(DashboardNode, description=HELP)
-    exit_after(EXIT_S)
-    return status
+    return run_node(DashboardNode, description=HELP, exit_s=EXIT_S)
 
 
 if __name__ == "__main__":

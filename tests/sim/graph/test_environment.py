@@ -52,6 +52,21 @@ def test_a_sourced_ros_does_not_affect_the_wheels_and_other_variables_stay(wheel
     assert cleaned(right) == right
 
 
+@pytest.mark.parametrize("name", ["rclpy", "bow_msgs"])
+def test_a_command_names_the_package_without_which_no_graph_starts(name: str, tmp_path: Path) -> None:
+    code = (
+        "import importlib.util, sys; find = importlib.util.find_spec;"
+        f"importlib.util.find_spec = lambda name: None if name == {name!r} else find(name);"
+        "from bow_sweep.cli import main; sys.exit(main(['sweep', 'fig11d', '--out', sys.argv[1]]))"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "run")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert f"no graph starts without the package {name}, " in done.stderr
+    assert sys.executable in done.stderr
+    assert not (tmp_path / "run").exists()
+
+
 def test_where_ros_is_not_from_wheels_its_variables_stay(monkeypatch: pytest.MonkeyPatch, foreign: Path) -> None:
     monkeypatch.setattr(environment, "wheel_libraries", list)
     given = {"LD_LIBRARY_PATH": f"{foreign}/lib", "PYTHONPATH": f"{foreign}/python", "AMENT_PREFIX_PATH": str(foreign)}

@@ -48,7 +48,7 @@ def test_maps_are_drawn_without_pictures_in_three_dimensions_and_without_a_warni
 def test_the_dashboard_draws_without_pandas() -> None:
     code = (
         "import sys; from bow_sweep.view import node;"
-        "node.run_node = lambda *_, **__: 0; node.exit_after = lambda _: None; node.main();"
+        "node.run_node = lambda *_, **__: 0; node.main();"
         "import rerun; rerun.AnyValues(cell=['a', 'b']); import bow_sweep.view.live_run;"
         "assert 'pyarrow' in sys.modules; assert 'pandas' not in sys.modules; import pandas"
     )

@@ -10,7 +10,7 @@ import pytest
 
 from bow_sim.protocol.states import NodeState
 from bow_sweep.coordinator import results
-from bow_sweep.coordinator.closing import CLOSE_S, DRAW_S, GONE_S, IDLE_S, waits_for
+from bow_sweep.coordinator.closing import CLOSE_S, DRAW_S, GONE_S, IDLE_S, NEXT_S, waits_for
 
 RUN = "a" * 16
 
@@ -23,11 +23,13 @@ def test_a_closing_run_does_not_wait_for_a_dashboard_that_was_left_out_or_hangs(
     assert waits_for([node("recorder", NodeState.BUSY)], RUN, 1, True) == "recorder"
     assert waits_for([recorded], RUN, 1, True) == "dashboard", "it may be starting"
     assert waits_for([recorded], RUN, 1, False) == ""
-    for state in (NodeState.CLOSED, NodeState.FAILED, NodeState.DEAD):
+    for state in (NodeState.CLOSED, NodeState.FAILED):
         assert waits_for([recorded, node("dashboard", state)], RUN, 1, True) == ""
-    assert waits_for([recorded, node("dashboard", NodeState.DEAD, "")], RUN, 1, True) == "", (
-        "left out before it had a run"
-    )
+    left_out = {"/bow/dashboard": NEXT_S + 1, "/bow/recorder": 0.0}
+    for run_id in (RUN, ""):
+        dead = [recorded, node("dashboard", NodeState.DEAD, run_id)]
+        assert waits_for(dead, RUN, 1, True) == "dashboard", "another may be starting, which draws the end of the run"
+        assert waits_for(dead, RUN, 1, True, silent=left_out.__getitem__) == ""
     for state in (NodeState.STARTING, NodeState.BUSY):
         hangs = [recorded, node("dashboard", state)]
         assert waits_for(hangs, RUN, IDLE_S + 1, True) == "dashboard"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bow_sim.protocol.neighbours import SILENT_S
-from bow_sweep.processes.leader import FOUND_S, LOST_S, Leader
+from bow_sweep.processes.leader import FOUND_S, LOST_S, OVER_S, Leader
 
 FIRST, SECOND = ("1" * 16, "near", 7), ("2" * 16, "near", 8)
 
@@ -26,6 +26,17 @@ def test_a_coordinator_that_is_never_heard_is_given_up() -> None:
     assert "is the run in progress" in leader.lost(5.1 + FOUND_S)
     assert not leader.is_away(100.0)
     assert leader.news(100.0) == ""
+
+
+def test_a_run_that_was_closed_is_over_where_no_coordinator_goes_on_with_it() -> None:
+    leader = Leader(was_closed=True)
+    assert not leader.is_over(5.0)
+    assert not leader.is_over(5.0 + OVER_S)
+    assert leader.is_over(5.1 + OVER_S)
+    leader.heard(*FIRST, 6.0 + OVER_S)  # somebody resumes it
+    assert not leader.is_over(100.0)
+    unknown = Leader()
+    assert not any(unknown.is_over(now) for now in (5.0, 50.0))
 
 
 def test_a_silence_is_told_once_and_so_is_its_end(leader: Leader) -> None:

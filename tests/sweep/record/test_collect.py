@@ -13,10 +13,13 @@ import recording
 from split_runs import split
 
 from bow_sweep.cli import main
-from bow_sweep.record.bag import METADATA, bag_files
+from bow_sweep.coordinator.resume import prepare
+from bow_sweep.record.bag import COLLECTED, METADATA, bag_files
 from bow_sweep.record.collect import CollectError, collect
 from bow_sweep.record.recover import recover
 from bow_sweep.record.verify import verify
+from bow_sweep.run.errors import RunError
+from bow_sweep.run.ledger_file import latest_states, read_ledger
 
 RSYNC = """#!/bin/sh
 # Stands in for rsync: the last but one argument is HOST:DIR/, the last DIR/.
@@ -96,6 +99,73 @@ def test_a_bag_that_is_still_written_can_be_collected_and_repaired(parts):
     collect(run, str(there), said.append)
     assert "still being written" in said[-1]
     assert recover(run)["ok"]
+
+
+def collect_beginning(run, there, share):
+    """Collect the bag of station b as it was when it had this share of its bytes."""
+    (path,) = bag_files(there / "bag" / "b")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    collect(run, str(there))
+    path.write_bytes(whole)
+    recover(run)
+
+
+@pytest.fixture(params=[0.6, 0.7], ids=["in part", "without a word that it is on the disk"])
+def early(request, parts):
+    """The run, with a copy of the bag of station b from before block 2 was done."""
+    run, there = parts
+    collect_beginning(run, there, request.param)
+    return run, there
+
+
+def test_what_a_station_has_recorded_since_its_bag_was_collected_is_not_seen_and_can_be_brought(early):
+    run, there = early
+    found = verify(run)
+    assert found["ok"], recording.whats(found)
+    assert found["unseen"] == {"b": [1, 2]}
+    assert found["cells"] == found["cells_planned"] - found["cells_unseen"]
+    assert collect(run, str(there)).bags == ["b"]
+    assert whole(run)
+
+
+def test_a_block_counts_from_another_bag_where_its_own_was_collected_before(complete, tmp_path):
+    run = split(complete, tmp_path / "run", {"": [0, 1], "b": [1, 2]}, {1: "b"})
+    shutil.move(run / "bag" / "b", tmp_path / "there" / "bag" / "b")
+    collect_beginning(run, tmp_path / "there", 0.6)
+    found = verify(run)
+    assert found["ok"], recording.whats(found)
+    assert found["unseen"] == {"b": [2]}
+
+
+def test_a_bag_that_was_not_collected_lacks_what_it_does_not_hold(early):
+    run, _ = early
+    (run / "bag" / "b" / COLLECTED).unlink()
+    found = verify(run)
+    assert not found["unseen"]
+    assert {problem.get("block") for problem in found["problems"]} >= {2}
+
+
+def test_a_collected_bag_lacks_what_it_says_it_has(parts):
+    run, there = parts
+    collect(run, str(there))
+    (path,) = bag_files(run / "bag" / "b")
+    content = path.read_bytes()
+    middle = len(content) * 2 // 3
+    path.write_bytes(content[:middle] + bytes(5000) + content[middle + 5000 :])
+    recover(run)
+    found = verify(run)
+    assert not found["unseen"]
+    assert {problem.get("block") for problem in found["problems"] if problem["what"] == "missing"} == {2}
+
+
+def test_a_run_is_not_resumed_before_the_rest_of_a_collected_bag_is_brought_or_called_lost(early):
+    run, _ = early
+    (run / "report.json").unlink()
+    with pytest.raises(RunError, match="station b: blocks 1, 2\n"):
+        prepare(run)
+    prepare(run, lost=["b"])
+    assert latest_states(read_ledger(run)) == {0: "done", 1: "reopened", 2: "reopened"}
 
 
 def test_a_bag_of_another_run_is_refused_and_nothing_is_left_of_it(parts, tmp_path):
