@@ -45,15 +45,13 @@ def _leave_out_signatures() -> None:
 
 
 def draw(result: MapFile, picture: Path) -> str:
-    """Draw a map into a file; return why there is no picture, or ""."""
+    """Draw a map into a file; return why that cannot be done, or ""."""
     try:
         from bow_sweep.figures.maps import draw_map  # needs matplotlib: without it only the picture is missing
 
         draw_map(result, picture)
     except Exception as error:  # whatever a library raises: no other result depends on the picture
-        with contextlib.suppress(OSError):
-            picture.unlink(missing_ok=True)  # it may show an earlier state of the run
-        return f"{picture}: {error or type(error).__name__}"
+        return str(error) or type(error).__name__
     return ""
 
 
@@ -70,13 +68,18 @@ def serve(descriptor: int) -> int:
     with socket.socket(fileno=descriptor) as channel:
         while asked := channel.recv(LONGEST):
             written, picture = map(Path, json.loads(asked))
-            channel.send(json.dumps(draw(read_map_npz(written), picture)).encode())
+            answer = json.dumps(draw(read_map_npz(written), picture)).encode()
+            try:
+                channel.send(answer)
+            except OSError:  # the coordinator has ended, or does not wait any more
+                picture.unlink(missing_ok=True)
+                break
             gc.collect()  # the parts of a figure refer to each other
     return 0
 
 
 class Painter:
-    """Asks the process for a picture.
+    """Asks the process for a picture, which is drawn into a file beside its own until it is complete.
 
     Parameters
     ----------
@@ -96,19 +99,35 @@ class Painter:
 
     def ask(self, written: Path, picture: Path) -> bool:
         """Have the map in a file ``map.npz`` drawn; return False if the process has ended."""
+        self._picture = picture
+        self._aside = picture.with_name(f".{picture.stem}.drawn{picture.suffix}")
         try:
-            self._channel.send(json.dumps([str(written), str(picture)]).encode())
+            self._channel.send(json.dumps([str(written), str(self._aside)]).encode())
         except OSError:
             return False
         return True
 
     def problem(self) -> str | None:
-        """Return why there is no picture, "" if there is one; None if the process has ended or does not answer."""
+        """Return why there is no picture, "" if there is one; None if the process has ended or does not answer.
+
+        One that does not answer is not asked again: a late answer must not be taken for that of the next run.
+        """
         try:
             answer = self._channel.recv(LONGEST)
         except OSError:
+            answer = b""
+        if not answer:
+            self.close()
+            self._aside.unlink(missing_ok=True)
             return None
-        return str(json.loads(answer)) if answer else None
+        why = str(json.loads(answer))
+        if not why:
+            try:
+                self._aside.replace(self._picture)
+            except OSError as error:
+                self._aside.unlink(missing_ok=True)
+                return str(error)
+        return why
 
     def close(self) -> None:
         """Ask for no more pictures."""

@@ -71,7 +71,12 @@ def write_results(run: Run, basin: Basin, painter: Painter | None = None) -> Cal
 
     def problem() -> str:
         found = painter.problem() if painter is not None and asked else None
-        return draw(result, picture) if found is None else found
+        why = draw(result, picture) if found is None else found
+        if not why:
+            return ""
+        with contextlib.suppress(OSError):
+            picture.unlink(missing_ok=True)  # it may show an earlier state of the run
+        return f"{picture}: {why}"
 
     return problem
 

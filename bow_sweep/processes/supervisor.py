@@ -172,7 +172,8 @@ class Supervisor:
         self.left_out: list[Path] = []
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
-        self._painter: tuple[Process, socket.socket] | None = None
+        self._painter: Process | None = None
+        self._to_painter: socket.socket | None = None  # until the coordinator has it
         self._copies = "rclpy" not in sys.modules  # who has loaded it may have DDS entities
         logs.mkdir(parents=True, exist_ok=True)
         remove_leftovers()
@@ -191,10 +192,14 @@ class Supervisor:
         nice = 0 if self.screen.process else NICE.get(role, 0)
         process: Process
         if self._can_copy:
-            painter = self._painter[1].fileno() if self._painter and role == "coordinator" else 0
-            if painter:
-                environment[PAINTER_SOCKET] = str(painter)
-            process = Forked(partial(_run_node, nice, name, command, environment), log, painter)
+            channel = self._to_painter if role == "coordinator" else None
+            kept = channel.fileno() if channel else 0
+            if channel:
+                environment[PAINTER_SOCKET] = str(kept)
+            process = Forked(partial(_run_node, nice, name, command, environment), log, kept)
+            if channel:
+                channel.close()
+                self._to_painter = None
         else:
             python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]
             process = Spawned([*python, *command], log, {**os.environ, **environment}, partial(_prepare_child, nice))
@@ -213,10 +218,10 @@ class Supervisor:
         There is none where processes are not started as copies.
         """
         if self._can_copy:
-            ours, its = socket.socketpair(type=socket.SOCK_SEQPACKET)
+            self._to_painter, its = socket.socketpair(type=socket.SOCK_SEQPACKET)
             with its:
                 run = partial(_run_painter, its.fileno(), self.namespace)
-                self._painter = Forked(run, self.logs / "painter.log", keep=its.fileno()), ours
+                self._painter = Forked(run, self.logs / "painter.log", keep=its.fileno())
 
     def stop_copying(self) -> None:
         """Start no more processes as copies of this one: call it before this one makes DDS entities."""
@@ -333,11 +338,10 @@ class Supervisor:
                     child.process.kill()
                     child.process.wait()
         if self._painter is not None:
-            process, channel = self._painter
-            process.kill()
-            process.wait()
-            channel.close()
-            self._painter = None
+            self._painter.kill()
+            self._painter.wait()
+        if self._to_painter is not None:
+            self._to_painter.close()
         self.children += self._released
         self._released = []
         self.exited()

@@ -63,7 +63,14 @@ def test_the_coordinator_draws_the_picture_itself_if_the_process_dies(
     if ends_before:
         there.close()
     else:
-        monkeypatch.setattr(Painter, "ask", lambda *_: there.close() or True)
+        asked = painter.ask
+
+        def ask(written: Path, picture: Path) -> bool:
+            found = asked(written, picture)
+            there.close()
+            return found
+
+        monkeypatch.setattr(painter, "ask", ask)
     assert written(tmp_path, painter, monkeypatch) == ""
     assert (tmp_path / "map.png").exists()
 
@@ -71,8 +78,13 @@ def test_the_coordinator_draws_the_picture_itself_if_the_process_dies(
 def test_the_coordinator_draws_the_picture_itself_if_the_process_does_not_answer(
     tmp_path: Path, pair: tuple[Painter, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    painter, _ = pair
+    painter, there = pair
     painter._channel.settimeout(0.01)
+    assert written(tmp_path, painter, monkeypatch) == ""
+    assert not painter.ask(tmp_path / "map.npz", tmp_path / "map.png"), "its answer could be that to the first"
+    (tmp_path / "map.png").unlink()
+    assert serve(there.detach()) == 0  # it goes on, and draws for nobody
+    assert [each.name for each in tmp_path.iterdir()] == ["map.npz"]
     assert written(tmp_path, painter, monkeypatch) == ""
     assert (tmp_path / "map.png").exists()
 
@@ -88,5 +100,5 @@ def test_a_coordinator_takes_the_socket_that_its_parent_names_and_passes_it_to_n
     assert painter is not None
     assert PAINTER_SOCKET not in os.environ
     assert painter.ask(Path("map.npz"), Path("map.png"))
-    assert there.recv(1000) == b'["map.npz", "map.png"]'
+    assert there.recv(1000) == b'["map.npz", ".map.drawn.png"]'
     painter.close()
