@@ -28,6 +28,9 @@ By default there is one for each core, and all but the first spin for some 0.1 s
 
 _STARTED_AGAIN = "_BOW_STARTED_AGAIN"
 
+PAINTER_SOCKET = "_BOW_PAINTER_SOCKET"
+"""Set by `bow sweep` for its coordinator alone: descriptor of a socket to the process that draws the picture."""
+
 _LIBRARIES = ("librcl", "librcutils", "librmw", "librosidl", "libfastrtps", "libfastdds", "libfastcdr")
 _PACKAGES = ("rclpy", "rpyutils", "rosidl_", "ament_", "rosbag2_")
 _INTERFACES = ("_msgs", "_interfaces", "_srvs")

@@ -14,6 +14,7 @@ cell_chooser       its service and topics
 diagnostics        the state of the graph as diagnostics
 standard_messages  map and health for standard ROS tools
 results            the files of a finished run beside its bag
+painter            its picture, and the process that draws it
 bags_of_run        the bags of a run that is to be resumed
 resume             resuming a run: ledger and bag are compared and repaired
 node               the coordinator node

@@ -27,7 +27,8 @@ from bow_sim.protocol.neighbours import CONSUMERS, Neighbour
 from bow_sweep.coordinator import diagnostics
 from bow_sweep.coordinator.cell_chooser import CellChooser
 from bow_sweep.coordinator.goals import GOAL_WAIT_S, GoalGate, Hold, is_wrong
-from bow_sweep.coordinator.results import playability_of, prepare, write_results
+from bow_sweep.coordinator.painter import Painter, prepare
+from bow_sweep.coordinator.results import playability_of, write_results
 from bow_sweep.coordinator.resume import resume
 from bow_sweep.coordinator.session import TICK_S, CoordinatorSession
 from bow_sweep.coordinator.session_events import (
@@ -163,9 +164,11 @@ class CoordinatorNode(BowNode):
         except (RunError, ParameterError) as error:
             raise StartupError(str(error)) from None
         self._preparing: threading.Thread | None = None
+        self._painter = Painter.given()
         self._frozen = given is None
         if given is None:
-            prepare()
+            if self._painter is None:
+                prepare()
             gc.freeze()  # the collection after each run need not look at these libraries: some hundredths of a second
             self.set_state(Health.READY, "waits for a goal on run_sweep")
         else:
@@ -193,7 +196,7 @@ class CoordinatorNode(BowNode):
 
     def _prepare(self) -> None:
         """Import what the results need in a thread, while the first blocks are computed: no block waits for that."""
-        if self._preparing is None:
+        if self._preparing is None and self._painter is None:
             self._preparing = threading.Thread(target=prepare, name="prepare", daemon=True)
             self._preparing.start()
 
@@ -206,6 +209,8 @@ class CoordinatorNode(BowNode):
         """Release the run directory."""
         if self._preparing is not None:
             self._preparing.join(PREPARE_S)  # Python must not end while a thread imports
+        if self._painter is not None:
+            self._painter.close()
         if self._frozen:
             gc.unfreeze()  # this node too: its DDS entities are destroyed by a collection, see node_process.leave
         self._chooser.close()
@@ -327,8 +332,8 @@ class CoordinatorNode(BowNode):
             case Log(_, line):
                 self.get_logger().info(line)
             case WriteResults(run, basin):
-                problem = write_results(run, basin)
-                self._handle([ResultsWritten(playability_of(run, basin), problem)])
+                problem = write_results(run, basin, self._painter)
+                self._handle([ResultsWritten(playability_of(run, basin), problem())])
             case RunEnded():
                 self.finished = self._once
                 if not self._once:

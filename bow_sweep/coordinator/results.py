@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bow_sim.graph.imports import absent, uncollected
+from bow_sweep.coordinator.painter import Painter, draw
 from bow_sweep.maps.basin_map import Basin
 from bow_sweep.maps.map_file import MAP, MapFile, write_map_npz
 from bow_sweep.maps.playability import playability
@@ -24,7 +23,6 @@ __all__ = [
     "basin_of",
     "map_of",
     "playability_of",
-    "prepare",
     "write_results",
     "writing",
 ]
@@ -48,34 +46,39 @@ def playability_of(run: Run, basin: Basin) -> dict[str, Any]:
     return playability(run.transient_periods(basin), regime)
 
 
-def prepare() -> None:
-    """Import the library that draws the map, which takes a quarter of a second."""
-    with contextlib.suppress(Exception), warnings.catch_warnings(), absent("mpl_toolkits.mplot3d"), uncollected():
-        warnings.simplefilter("ignore")  # that there are no pictures in three dimensions
-        from bow_sweep.figures import maps  # noqa: F401  # where it fails, write_results reports it
+def write_results(run: Run, basin: Basin, painter: Painter | None = None) -> Callable[[], str]:
+    """Write map.npz into the directory of a run, and have map.png drawn beside it.
 
+    Parameters
+    ----------
+    painter
+        Draws it meanwhile; without one, and where it dies or hangs, it is drawn here.
 
-def write_results(run: Run, basin: Basin) -> str:
-    """Write map.npz and map.png into the directory of a run; return why there is no picture, or "".
+    Returns
+    -------
+    callable
+        Waits for the picture, and returns why there is none, or "".
 
     Raises
     ------
     RunError
         If map.npz cannot be written.
     """
-    result = map_of(run, basin)
+    result, written, picture = map_of(run, basin), run.directory / MAP, run.directory / PICTURE
     with writing(run.directory):
-        write_map_npz(run.directory / MAP, result)
-    picture = run.directory / PICTURE
-    try:
-        from bow_sweep.figures.maps import draw_map  # needs matplotlib: without it only the picture is missing
+        write_map_npz(written, result)
+    asked = painter is not None and painter.ask(written, picture)
 
-        draw_map(result, picture)
-    except Exception as error:  # whatever a library raises: no other result depends on the picture
+    def problem() -> str:
+        found = painter.problem() if painter is not None and asked else None
+        why = draw(result, picture) if found is None else found
+        if not why:
+            return ""
         with contextlib.suppress(OSError):
             picture.unlink(missing_ok=True)  # it may show an earlier state of the run
-        return f"{picture}: {error or type(error).__name__}"
-    return ""
+        return f"{picture}: {why}"
+
+    return problem
 
 
 @contextlib.contextmanager

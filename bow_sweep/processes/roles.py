@@ -14,6 +14,9 @@ MODULES = {
 }
 """Role -> module with the node's main()."""
 
+PAINTER = "bow_sweep.coordinator.painter"
+"""Module of the process that draws the picture; it is no node."""
+
 CHILD = (
     "import sys; sys.path[:] = [sys.argv.pop(1), *filter(None, sys.path)]; import bow_sim, bow_classifier, bow_sweep; "
     "del sys.path[0]; from bow_sweep.processes.roles import node; sys.exit(node())"

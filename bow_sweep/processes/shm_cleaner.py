@@ -16,15 +16,18 @@ import time
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import setproctitle
-from inotify_simple import INotify, flags
 
 from bow_sim.graph import shm_files
 from bow_sim.graph.discovery import SHARED_MEMORY
 from bow_sim.graph.process_stat import start_of
 from bow_sweep.processes.exit_status import DONE, FAILED
 from bow_sweep.processes.fork import Forked
+
+if TYPE_CHECKING:
+    from inotify_simple import INotify
 
 NOTE = "shared_memory"
 """Notes are named ``shared_memory.<pid of the cleaner>``."""
@@ -169,6 +172,8 @@ def _main(pipe: int, logs: Path, name: str) -> int:
 
 def _inotify() -> INotify | None:
     """Return what reports new files in shared memory; None where the system has no inotify instance left."""
+    from inotify_simple import INotify, flags  # which runs ldconfig: a sweep need not wait for it
+
     try:
         inotify = INotify()
         inotify.add_watch(SHARED_MEMORY, flags.CREATE)

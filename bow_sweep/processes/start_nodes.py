@@ -56,6 +56,7 @@ def start_nodes(
     KeyboardInterrupt
         After Ctrl-C or SIGTERM.
     """
+    supervisor.start_painter()  # its libraries take as long to load as ROS
     with interrupts.immediate():
         load_ros("recorder", "dashboard")
     for station in stations:

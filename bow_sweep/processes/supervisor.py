@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -16,13 +17,14 @@ from pathlib import Path
 
 import setproctitle
 
+from bow_sim.graph.environment import PAINTER_SOCKET
 from bow_sim.graph.leaving import at_end
 from bow_sim.graph.parent import end_with_parent
 from bow_sim.graph.shm_notes import SUPERVISED, Note, remove_leftovers
 from bow_sim.protocol.stations import named, namespace_of
 from bow_sweep.processes.exit_status import DONE
 from bow_sweep.processes.fork import UNKNOWN, Forked, Process, Spawned
-from bow_sweep.processes.roles import CHILD, MODULES
+from bow_sweep.processes.roles import CHILD, MODULES, PAINTER
 from bow_sweep.processes.shm_cleaner import ShmCleaner
 from bow_sweep.view.viewer import Screen
 
@@ -127,6 +129,14 @@ def _run_node(nice: int, name: str, command: Sequence[str], environment: Mapping
     return status
 
 
+def _run_painter(descriptor: int, namespace: str) -> int:
+    """Run the process that draws the picture, in a copy of the supervisor."""
+    _prepare_child(0)
+    setproctitle.setproctitle(f"bow painter {namespace}")
+    status: int = importlib.import_module(PAINTER).serve(descriptor)
+    return status
+
+
 class Supervisor:
     """Starts the processes of a graph, one for each role and several simulators, and restarts those that exit.
 
@@ -163,6 +173,8 @@ class Supervisor:
         self.left_out: list[Path] = []
         """Logs of the processes that are not restarted, though the graph goes on."""
         self._cleaner: ShmCleaner | None = None
+        self._painter: Process | None = None
+        self._to_painter: socket.socket | None = None  # until the coordinator has it
         self._copies = "rclpy" not in sys.modules  # who has loaded it may have DDS entities
         logs.mkdir(parents=True, exist_ok=True)
         remove_leftovers()
@@ -180,8 +192,15 @@ class Supervisor:
         environment = {"PYTHONUNBUFFERED": "1", SUPERVISED: "1"}
         nice = 0 if self.screen.process else NICE.get(role, 0)
         process: Process
-        if self._copies and threading.active_count() == 1:  # a copy would lack the other threads
-            process = Forked(partial(_run_node, nice, name, command, environment), log)
+        if self._can_copy:
+            channel = self._to_painter if role == "coordinator" else None
+            kept = channel.fileno() if channel else 0
+            if channel:
+                environment[PAINTER_SOCKET] = str(kept)
+            process = Forked(partial(_run_node, nice, name, command, environment), log, kept)
+            if channel:
+                channel.close()
+                self._to_painter = None
         else:
             python = [sys.executable, "-c", CHILD, str(Path(__file__).parents[2])]
             process = Spawned([*python, *command], log, {**os.environ, **environment}, partial(_prepare_child, nice))
@@ -189,6 +208,21 @@ class Supervisor:
         child = Child(role, name, process, log, station)
         self.children.append(child)
         return child
+
+    @property
+    def _can_copy(self) -> bool:
+        return self._copies and threading.active_count() == 1  # a copy would lack the other threads
+
+    def start_painter(self) -> None:
+        """Start the process that draws the picture for the coordinator that is started as a copy of this process.
+
+        There is none where processes are not started as copies.
+        """
+        if self._can_copy:
+            self._to_painter, its = socket.socketpair(type=socket.SOCK_SEQPACKET)
+            with its:
+                run = partial(_run_painter, its.fileno(), self.namespace)
+                self._painter = Forked(run, self.logs / "painter.log", keep=its.fileno())
 
     def stop_copying(self) -> None:
         """Start no more processes as copies of this one: call it before this one makes DDS entities."""
@@ -303,6 +337,11 @@ class Supervisor:
                     killed.append(child)
                     child.process.kill()
                     child.process.wait()
+        if self._painter is not None:
+            self._painter.kill()
+            self._painter.wait()
+        if self._to_painter is not None:
+            self._to_painter.close()
         self.children += self._released
         self._released = []
         self.exited()

@@ -38,8 +38,10 @@ def test_garbage_is_collected_again_after_the_context_if_it_was_before_it() -> N
 
 def test_maps_are_drawn_without_pictures_in_three_dimensions_and_without_a_warning() -> None:
     code = (
-        "import sys; from bow_sweep.coordinator.results import prepare; prepare();"
-        "assert 'bow_sweep.figures.maps' in sys.modules; assert 'mpl_toolkits.mplot3d' not in sys.modules"
+        "import sys; from bow_sweep.coordinator.painter import prepare; prepare();"
+        "assert 'bow_sweep.figures.maps' in sys.modules; assert 'mpl_toolkits.mplot3d' not in sys.modules;"
+        "from matplotlib.patches import Circle; it = Circle((0, 0)); it.set(radius=2); assert it.radius == 2;"
+        "assert not hasattr(Circle.set, '__signature__')"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (0, "")

@@ -71,7 +71,7 @@ def test_all_other_results_are_written_if_the_picture_cannot_be_drawn(
     monkeypatch.setattr("bow_sweep.figures.maps.draw_map", draw)
     old = tmp_path / "map.png"
     old.touch()
-    why = results.write_results(SimpleNamespace(directory=tmp_path), None)  # type: ignore[arg-type]
+    why = results.write_results(SimpleNamespace(directory=tmp_path), None)()  # type: ignore[arg-type]
     assert why == f"{old}: {error}"
     assert written == [tmp_path / "map.npz"]
     assert not old.exists(), "it may show an earlier state"

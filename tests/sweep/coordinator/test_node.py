@@ -18,7 +18,7 @@ from bow_sweep.coordinator.session_events import SetState
 def node_of(**more: Any) -> Any:
     """Return what the tested methods see of a node."""
     closed = SimpleNamespace(close=lambda: None)
-    node: Any = SimpleNamespace(_preparing=None, _frozen=False, _chooser=closed, _session=closed, **more)
+    node: Any = SimpleNamespace(_preparing=None, _painter=None, _frozen=False, _chooser=closed, _session=closed, **more)
     node._prepare = lambda: CoordinatorNode._prepare(node)
     return node
 

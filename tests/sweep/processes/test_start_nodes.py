@@ -10,6 +10,7 @@ from typing import Any, cast
 import pytest
 
 from bow_sim.block_request import fingerprint_of
+from bow_sim.graph.environment import PAINTER_SOCKET
 from bow_sim.kernel import fingerprint
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes import start_nodes as start
@@ -26,11 +27,15 @@ def test_what_several_processes_need_is_loaded_before_they_are_copied(monkeypatc
         def start(self, role: str, station: str = "") -> None:
             did.append(f"{role} {station}".strip())
 
+        def start_painter(self) -> None:
+            did.append("painter")
+
     monkeypatch.setattr(start, "load_ros", lambda *roles: did.extend(f"load {role}" for role in roles))
     monkeypatch.setattr(start, "load_compiled", lambda *_: did.append("load_compiled"))
     with Interrupts("") as interrupts:
         start.start_nodes(cast(Any, Started()), Sweep.from_spec("", SMALL), 3, ["a", "b"], True, interrupts)
     compiled = did.index("load_compiled")
+    assert did[0] == "painter"  # it needs nothing that the others load
     assert did.index("dashboard") < compiled  # on another core meanwhile
     assert compiled < min(map(did.index, ("coordinator", "classifier a", "simulator a")))
     assert [each for each in did if "simulator " in each] == ["simulator a", "simulator b", "simulator a"]
@@ -92,6 +97,42 @@ def test_processes_are_copies_until_their_supervisor_joins_the_graph(
     supervisor.start("simulator")
     Supervisor("/bow/x", tmp_path / "log", {}).start("simulator")  # its process may have DDS entities already
     assert made == ["Copied", "Spawned", "Spawned"]
+
+
+def test_only_the_coordinator_can_ask_the_process_that_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = "drawing_stand_in"
+    (tmp_path / f"{module}.py").write_text(STAND_IN)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("bow_sweep.processes.supervisor.PAINTER", module)
+    monkeypatch.setattr("bow_sweep.processes.supervisor.MODULES", {"recorder": module, "coordinator": module})
+    monkeypatch.delitem(sys.modules, "rclpy", raising=False)
+    supervisor = Supervisor("/bow/x", tmp_path / "log", {})
+    supervisor.start_painter()
+    recorder, coordinator = supervisor.start("recorder"), supervisor.start("coordinator")
+    assert (recorder.process.wait(20), coordinator.process.wait(20)) == (0, 7), coordinator.log.read_text()
+    assert supervisor._painter is not None
+    assert supervisor._painter.wait(20) == 5  # its only coordinator has ended
+    assert not supervisor.stop(idle=True)
+
+
+STAND_IN = f"""
+import os, socket
+
+def serve(descriptor):
+    with socket.socket(fileno=descriptor) as channel:
+        while asked := channel.recv(9):
+            channel.send(asked)
+    return 5
+
+def main():
+    descriptor = os.environ.get("{PAINTER_SOCKET}")
+    if descriptor is None:
+        return 0
+    with socket.socket(fileno=int(descriptor)) as channel:
+        channel.settimeout(20)
+        return 7 if channel.send(b"a") and channel.recv(9) == b"a" else 1
+"""
+"""The process that draws, which answers what it is asked, and a node: status 7 if it gets an answer."""
 
 
 class Watcher:

@@ -137,7 +137,7 @@ def test_the_map_is_predicted_elsewhere_and_states_which_cells_were_simulated(tm
     run, basin = begun(tmp_path / "run")
     to_the_end(run, basin)
     report = run.report(basin, 1.0, {})
-    write_results(run, basin)
+    assert write_results(run, basin)() == ""
     found = read_map_npz(tmp_path / "run" / "map.npz")
     assert found.simulated is not None
     assert found.simulated.sum() == run.accounts()["done"] == report["cells"]["done"] == 128 - report["cells_predicted"]
