@@ -118,6 +118,8 @@ class Side(NamedTuple):
         Rows, multiples of eight: eight steps that begin at such a number are not divided.
     arrived : ndarray, shape (8, 8), or (16, 8) for the torsional bridge
         Incoming wave in the current eight steps, and in those after them: rows of the workspace in `State`.
+    delayed : None, or ndarray, shape (8, 8)
+        With a tail that has taps, workspace for what these select in eight steps.
     table : None, or ndarray, shape (taps,)
         Taps that are common to all cells, as an array.
     """
@@ -132,6 +134,7 @@ class Side(NamedTuple):
     length: Any
     lead: Any
     arrived: Any
+    delayed: Any
     table: Any
 
 
@@ -216,6 +219,21 @@ class Intervals(NamedTuple):
     slip: Any
 
 
+class Places(NamedTuple):
+    """Where the lanes are written, which need not be in the order of the cells.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (lanes,)
+        The row of each lane in `Output.bridge_force`.
+    intervals : Intervals
+        The slip intervals in the order of these rows.
+    """
+
+    rows: Any
+    intervals: Any
+
+
 class Output(NamedTuple):
     """Where a chunk is written.
 
@@ -223,10 +241,14 @@ class Output(NamedTuple):
     ----------
     bridge_force : ndarray of float32, shape (lanes, samples)
     intervals : Intervals
+        In the order of the lanes.
+    places : Places or None
+        None: lanes are in the order of the cells.
     traces : None, or ndarray, shape (waveforms, samples, lanes)
         See :data:`bow_sim.kernel.block.TRACES`.
     """
 
     bridge_force: Any
     intervals: Any
+    places: Any
     traces: Any

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bow_sim.kernel import few_cells, rings, time_loop
+from bow_sim.kernel import arriving, few_cells, rings, time_loop
 from bow_sim.kernel.ahead import Ahead, sides_of
-from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Intervals, Output, Side, State, String, Tail
+from bow_sim.kernel.arguments import SIDES, Body, Gesture, Hair, Output, Side, State, String, Tail
+from bow_sim.kernel.order import order_of, places, room
 from bow_sim.kernel.sources import source_hash
 from bow_sim.kernel.windows import windows
 from bow_sim.physics import exact, friction, gesture
@@ -99,14 +100,17 @@ class Block:
     def __init__(self, parameters: Parameters, lanes: Mapping[str, ArrayLike], *, trace: bool = False) -> None:
         self.parameters = parameters
         self.chunk = 0
-        self._cells = described = cells(parameters, lanes)
+        described = cells(parameters, lanes)
         self._count = described.count
         self._groups = -(-described.count // LANES)
         self._dtype = np.dtype(parameters.dtype)
         samples, width = parameters.chunk_samples, self._groups * LANES
 
-        functions = [[getattr(e, side) for e in described.ends] for side in SIDES]
+        self.admittance = described.bow_admittance()
         self._few = described.count <= few_cells.FEW and self._dtype == np.float64 and self._kernel is _advance
+        order = None if self._few or trace else order_of(described.ends)
+        self._cells = described = described if order is None else described.taken(order)
+        functions = [[getattr(e, side) for e in described.ends] for side in SIDES]
         self._own_tables = bool({"tau_f", "tau_v", "acceleration"} & described.lanes.keys())
         self._general = (
             trace
@@ -115,7 +119,7 @@ class Block:
             or tuple(len(same[0].taps) for same in functions) not in STANDARD
         )
         make = self._general_side if self._general else self._standard_side
-        self.admittance = y = described.bow_admittance()
+        y = described.bow_admittance()
         self._work = aligned((rings.TOTALS + samples + 1, LANES), self._dtype)
         body = self._make_body(described)
         at_bow = {
@@ -131,8 +135,7 @@ class Block:
             self._string = few_cells.String(sides, body, **at_bow)
         else:
             bridge, nut, torsion_bridge, torsion_nut = (
-                make(same)._replace(arrived=self._work[rings.ARRIVED[name]])
-                for name, same in zip(SIDES, functions, strict=True)
+                make(name, same) for name, same in zip(SIDES, functions, strict=True)
             )
             self._string = String(bridge._replace(body=body), nut, torsion_bridge, torsion_nut, **at_bow)
         self._levels = self._lanes_of(
@@ -157,10 +160,8 @@ class Block:
             bits=states.view(f"u{self._dtype.itemsize}"),
             edges=np.empty(samples + 1, np.uint32),
         )
-        most = width * (samples // 2 + 1)  # if every slip and every stick is one sample long
-        self._intervals = Intervals(
-            np.zeros(width + 1, np.uint32), np.empty(most, np.uint32), np.empty(most, np.uint32), np.empty(most)
-        )
+        self._intervals = room(width, samples)
+        self._places = places(order, width, samples) if self._general else None
         self.traces = aligned((waveforms, samples, width), self._dtype) if trace else None
 
     def advance(self, bridge_force: NDArray[np.float32] | None = None) -> ChunkResult:
@@ -189,11 +190,15 @@ class Block:
         force = np.empty((lanes, samples), np.float32) if bridge_force is None or cells < lanes else bridge_force
         slipping = np.unpackbits(self._state.slipping, count=cells, bitorder="little")
         shapes = Gesture._make((*self._levels, *self._tables(start, samples)))
-        arguments = start, samples, self._string, shapes, self._state, Output(force, self._intervals, self.traces)
+        output = Output(force, self._intervals, self._places, self.traces)
+        arguments = start, samples, self._string, shapes, self._state, output
         if self._entry is None:
             self._entry = entry(self._kernel, arguments)
         self._entry(*arguments)
         offsets, *values = self._intervals
+        if self._places is not None:
+            slipping[self._places.rows[:cells]] = slipping.copy()
+            offsets, *values = self._places.intervals
         size = int(offsets[cells])
         onset, duration, slip = (x[:size].copy() for x in values)
         bridge_force = force if cells == lanes else force[:cells]
@@ -210,7 +215,7 @@ class Block:
         tables = self._tables(0, self.parameters.chunk_samples)
         if self._ahead is not None:
             return self._string, self._levels, self._ahead.slipping, self.admittance, *tables
-        sides = {name: getattr(self._string, name)._replace(arrived=None) for name in SIDES}
+        sides = {name: getattr(self._string, name)._replace(arrived=None, delayed=None) for name in SIDES}
         return self._string._replace(**sides), self._levels, self._state.slipping, self.admittance, *tables
 
     def _make_law(self, described: Cells) -> Any:
@@ -222,9 +227,10 @@ class Block:
         elastic = described.hair_admittance()
         if not elastic.any():
             return None
+        y = described.bow_admittance()
         columns = (described.value(name).tolist() for name in ("hair_k", "hair_r", "sample_rate"))
         decay = [exact.exp(-k / (r * rate)) if r else 0.0 for k, r, rate in zip(*columns, strict=True)]
-        share, string = elastic / self.admittance, described.of_ends("y") / self.admittance
+        share, string = elastic / y, described.of_ends("y") / y
         return Hair(*(self._lane(np.asarray(x)) for x in (share, string, decay, np.zeros(described.count))))
 
     def _make_body(self, described: Cells) -> Body | None:
@@ -307,15 +313,15 @@ class Block:
         """Return a named tuple of arrays as it is, in the arithmetic of the block."""
         return type(values)(*(x.astype(self._dtype) for x in values))
 
-    def _ring(self, last: int, taps: int, beyond: int = 0) -> dict[str, Any]:
+    def _ring(self, name: str, last: int, taps: int, beyond: int = 0) -> dict[str, Any]:
         """Make a ring for this greatest lag, windows of so many taps, and so many rows that are read beyond its end."""
         whole = rings.STRIDE
         lead = -(-(taps + whole - 1) // whole) * whole  # rows that eight steps read
         length = max(-(-last // whole) * whole, lead, LEAST_RING)
         ring = aligned((self._groups, lead + length + beyond, LANES), self._dtype)
-        return {"ring": ring, "length": length, "lead": lead, "arrived": None}
+        return {"ring": ring, "length": length, "lead": lead, "arrived": self._work[rings.ARRIVED[name]]}
 
-    def _standard_side(self, same: list[Reflection]) -> Side:
+    def _standard_side(self, name: str, same: list[Reflection]) -> Side:
         """Make a side whose taps, a tuple, are part of the kernel's type."""
         r = same[0]
         tail = None
@@ -332,29 +338,33 @@ class Block:
             ahead=np.full(self._groups, r.soonest),
             tail=tail,
             body=None,
+            delayed=None,
             table=taps,
-            **self._ring(r.last, len(r.taps)),
+            **self._ring(name, r.last, len(r.taps)),
         )
 
-    def _general_side(self, same: list[Reflection]) -> Side:
+    def _general_side(self, name: str, same: list[Reflection]) -> Side:
         """Make a side with any taps for each cell: a group of eight cells has a window that contains all their lags."""
         each = same * self._count if len(same) == 1 else same
         each = each + each[-1:] * (self._groups * LANES - len(each))
-        taps, count, last = windows([(r.first, r.taps) for r in each], self._dtype, even=True)
+        least = arriving.NEAR - 1 if name == "torsion_bridge" else 0
+        taps, count, last = windows([(r.first, r.taps) for r in each], self._dtype, even=True, least=least)
         tails, tail_count, tail_last = windows(
-            [(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each], self._dtype
+            [(r.tail_first, r.tail_taps) if r.tail else (r.first, (1.0,)) for r in each], self._dtype, even=True
         )
         gain, pole = (self._lane(np.array(x)[: self._count]) for x in ([r.tail for r in each], [r.pole for r in each]))
-        used = gain.reshape(-1, LANES).any(axis=1)
+        state, used = self._lane(np.zeros(self._count)), gain.reshape(-1, LANES).any(axis=1)
         return Side(
             taps=taps,
             count=count,
             last=last,
             ahead=np.array([r.soonest for r in each]).reshape(-1, LANES).min(axis=1),
-            tail=Tail(gain, pole, self._lane(np.zeros(self._count)), tail_last, tails, tail_count, used),
+            tail=Tail(gain, pole, state, tail_last, tails, tail_count, used),
             body=None,
+            delayed=aligned((rings.STRIDE, LANES), self._dtype),
             table=None,
             **self._ring(
+                name,
                 int(max(last.max(), tail_last.max())),
                 max(taps.shape[1], tails.shape[1]),
                 # where the number of taps is odd, one more is 0, of a step to come

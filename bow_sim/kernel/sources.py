@@ -17,6 +17,8 @@ SOURCES = (
     "kernel/hair",
     "kernel/rings",
     "kernel/windows",
+    "kernel/order",
+    "kernel/arriving",
     "kernel/eight_steps",
     "kernel/time_loop",
     "kernel/few_cells",

@@ -18,7 +18,8 @@ import numpy as np
 from numba import types
 
 from bow_sim.kernel.arguments import Gesture, Output, State, String
-from bow_sim.kernel.body import of_body, reflect_at_body
+from bow_sim.kernel.arriving import fill, fill_near, latest_before, with_latest
+from bow_sim.kernel.body import of_body
 from bow_sim.kernel.eight_steps import are_possible, eight_steps, sums_before
 from bow_sim.kernel.hair import pull_hair, with_hair
 from bow_sim.kernel.rings import STRIDE, TOTALS, row_of, shape_at
@@ -33,108 +34,11 @@ from bow_sim.simd.lanes import (
     mask_of,
     read,
     signs_of,
-    spread,
     store,
     write,
 )
-from bow_sim.simd.rows import fir_each_of, fir_of, transpose
+from bow_sim.simd.rows import transpose, transpose_to
 from bow_sim.simd.signs import followed
-
-_fir1, _fir2, _fir8 = fir_of(1), fir_of(2), fir_of(8)
-_fir_each1, _fir_each2, _fir_each8 = fir_each_of(1), fir_each_of(2), fir_each_of(8)
-
-
-def _convolve(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
-    """Compute rows u ... u + n - 1 of ``out``; the window of the first begins at flat index i of x."""
-    raise NotImplementedError
-
-
-@overload(_convolve, strict=False, jit_options=OVERLOAD)
-def _overload_convolve(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> Any:
-    if isinstance(taps, types.BaseTuple):
-
-        def common(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
-            if n == STRIDE:
-                _fir8(taps, x, i, out, u * LANES, LANES)
-            elif n == 2:
-                _fir2(taps, x, i, out, u * LANES, LANES)
-            else:
-                _fir1(taps, x, i, out, u * LANES, LANES)
-
-        return common
-
-    def each(taps: Any, count: Any, group: Any, x: Any, i: Any, out: Any, u: Any, n: Any) -> None:
-        needed = count[group]
-        base = group * taps.shape[1] * LANES
-        if n == STRIDE:
-            _fir_each8(taps, base, needed, x, i, out, u * LANES)
-        elif n == 2:
-            _fir_each2(taps, base, needed, x, i, out, u * LANES)
-        else:
-            _fir_each1(taps, base, needed, x, i, out, u * LANES)
-
-    return each
-
-
-def _delayed(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
-    """Return the outgoing wave at the tail's first lag: of row ``row``, or of each lane's own row from there on."""
-    raise NotImplementedError
-
-
-@overload(_delayed, strict=False, jit_options=OVERLOAD)
-def _overload_delayed(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
-    if isinstance(taps, types.NoneType):
-        return lambda taps, count, group, ring, row: load(ring, row * LANES)
-    nothing = getattr(np, str(ring.dtype))(0)
-
-    def pick(taps: Any, count: Any, group: Any, ring: Any, row: Any) -> Any:
-        x = spread(nothing)
-        for k in range(count[group]):
-            x = x + load(taps, (group * taps.shape[1] + k) * LANES) * load(ring, (row + k) * LANES)
-        return x
-
-    return pick
-
-
-def _add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: Any) -> None:
-    """Add the exponential tail, if there is one, to rows u ... u + n - 1 of what arrives."""
-    raise NotImplementedError
-
-
-@overload(_add_tail, strict=False, jit_options=OVERLOAD)
-def _overload_add_tail(side: Any, tail: Any, group: Any, block: Any, u: Any, n: Any) -> Any:
-    if isinstance(tail, types.NoneType):
-        return lambda side, tail, group, block, u, n: None
-
-    def add(side: Any, tail: Any, group: Any, block: Any, u: Any, n: Any) -> None:
-        if not tail.used[group]:
-            return
-        z = load(tail.state, group * LANES)
-        pole, gain = load(tail.pole, group * LANES), load(tail.gain, group * LANES)
-        first = row_of(side, group, block + u - tail.last[group])
-        for r in range(n):
-            z = pole * z + gain * _delayed(tail.taps, tail.count, group, side.ring, first + r)
-            store(side.arrived, (u + r) * LANES, load(side.arrived, (u + r) * LANES) + z)
-        store(tail.state, group * LANES, z)
-
-    return add
-
-
-@part(**INLINE)
-def _fill(side: Any, group: Any, u: Any, end: Any, block: Any) -> Any:
-    """Compute what arrives from step u on, as far as it has already left, and return the first step not computed.
-
-    Where all eight steps have left, all are computed, also those before u and from `end` on, which nobody reads.
-    """
-    ahead = side.ahead[group]
-    whole = ahead >= STRIDE
-    n = min(ahead if whole else min(ahead, 2), end - u)
-    first = 0 if whole else u
-    oldest = row_of(side, group, block + first - side.last[group])
-    _convolve(side.taps, side.count, group, side.ring, oldest * LANES, side.arrived, first, STRIDE if whole else n)
-    _add_tail(side, side.tail, group, block, u, n)
-    reflect_at_body(side.body, side.arrived, group, u, n)
-    return u + n
 
 
 @part(**INLINE)
@@ -204,16 +108,69 @@ def _note(early: Any, samples: Any, base: Any, state: Any, intervals: Any) -> No
         offsets[base + lane + 1] = number
 
 
+def _put_in_order(places: Any, intervals: Any) -> None:
+    """Copy the slip intervals of all lanes to their places."""
+    raise NotImplementedError
+
+
+@overload(_put_in_order, strict=False, jit_options=OVERLOAD)
+def _overload_put_in_order(places: Any, intervals: Any) -> Any:
+    if isinstance(places, types.NoneType):
+        return lambda places, intervals: None
+
+    def put(places: Any, intervals: Any) -> None:
+        rows, (to, onset, duration, slip) = places
+        for lane in range(rows.size):
+            to[rows[lane] + 1] = intervals.offsets[lane + 1] - intervals.offsets[lane]
+        for row in range(rows.size):
+            to[row + 1] += to[row]
+        for lane in range(rows.size):
+            first, number = np.int64(intervals.offsets[lane]), np.int64(to[rows[lane]])
+            for k in range(np.int64(intervals.offsets[lane + 1]) - first):
+                onset[number + k] = intervals.onset[first + k]
+                duration[number + k] = intervals.duration[first + k]
+                slip[number + k] = intervals.slip[first + k]
+
+    return put
+
+
+def _row(places: Any, lane: Any) -> Any:
+    """Return the row in which a lane's bridge force is written."""
+    raise NotImplementedError
+
+
+@overload(_row, strict=False, jit_options=OVERLOAD)
+def _overload_row(places: Any, lane: Any) -> Any:
+    if isinstance(places, types.NoneType):
+        return lambda places, lane: lane
+    return lambda places, lane: places.rows[lane]
+
+
+def _write_eight(ring: Any, i: Any, out: Any, places: Any, base: Any, t0: Any) -> None:
+    """Write eight rows from flat index i of a ring into ``out`` (cells, samples) as float32."""
+    raise NotImplementedError
+
+
+@overload(_write_eight, strict=False, jit_options=OVERLOAD)
+def _overload_write_eight(ring: Any, i: Any, out: Any, places: Any, base: Any, t0: Any) -> Any:
+    if isinstance(places, types.NoneType):
+        return lambda ring, i, out, places, base, t0: transpose(
+            ring, i, LANES, out, base * out.shape[1] + t0, out.shape[1]
+        )
+    return lambda ring, i, out, places, base, t0: transpose_to(ring, i, LANES, out, t0, out.shape[1], places.rows, base)
+
+
 @part(**INLINE)
-def _write(ring: Any, i: Any, begin: Any, end: Any, out: Any, base: Any, t0: Any) -> None:
-    """Write rows begin ... end - 1 from flat index i of a ring into ``out`` (cells, samples) as float32."""
+def _write(ring: Any, i: Any, begin: Any, end: Any, out: Any, places: Any, base: Any, t0: Any) -> None:
+    """Write rows begin ... end - 1 of these eight."""
     if end - begin == STRIDE:
-        transpose(ring, i, LANES, out, base * out.shape[1] + t0, out.shape[1])
+        _write_eight(ring, i, out, places, base, t0)
     else:
         nothing = ring[0, 0, 0]
         for u in range(begin, end):
             for lane in range(LANES):
-                write(out, (base + lane) * out.shape[1] + t0 + u, np.float32(read(ring, i + u * LANES + lane, nothing)))
+                place = _row(places, base + lane) * out.shape[1] + t0 + u
+                write(out, place, np.float32(read(ring, i + u * LANES + lane, nothing)))
 
 
 def build(version: int) -> Any:
@@ -254,7 +211,7 @@ def build(version: int) -> Any:
         align_stack()
         bridge, nut, torsion_bridge, torsion_nut, law, share_t, share_r, hair = string
         slipping, work, states = state.slipping, state.work, state.states
-        bridge_force, intervals, traces = output
+        bridge_force, intervals, places, traces = output
         for group in range(slipping.shape[0]):
             base = group * LANES
             c_t, c_r = load(share_t, base), load(share_r, base)
@@ -266,6 +223,7 @@ def build(version: int) -> Any:
             early = start % STRIDE  # eight steps begin where the number of samples is a multiple of eight
             at_b, at_n = (start - early) % bridge.length, (start - early) % nut.length
             at_rb, at_rn = (start - early) % torsion_bridge.length, (start - early) % torsion_nut.length
+            latest = latest_before(torsion_bridge, group, start % torsion_bridge.length)
             constants = (c_t, c_r), (f_end, f_step, v_0, v_1)
             whole = are_possible(string, traces, group)
             for t0 in range(-early, samples, STRIDE):
@@ -286,17 +244,18 @@ def build(version: int) -> Any:
                     for u in range(begin, end):
                         if u == due:
                             if u == due_b:
-                                due_b = _fill(bridge, group, u, end, at_b)
+                                due_b = fill(bridge, group, u, end, at_b)
                             if u == due_n:
-                                due_n = _fill(nut, group, u, end, at_n)
+                                due_n = fill(nut, group, u, end, at_n)
                             if u == due_rb:
-                                due_rb = _fill(torsion_bridge, group, u, end, at_rb)
+                                due_rb = fill_near(torsion_bridge, torsion_bridge.taps, group, u, end, at_rb)
                             if u == due_rn:
-                                due_rn = _fill(torsion_nut, group, u, end, at_rn)
+                                due_rn = fill(torsion_nut, group, u, end, at_rn)
                             due = min(due_b, due_n, due_rb, due_rn)
                         i = u * LANES
                         in_b, in_n = load(work, i), load(work, STRIDE * LANES + i)
                         in_rn, in_rb = load(work, 2 * STRIDE * LANES + i), load(work, 3 * STRIDE * LANES + i)
+                        in_rb = with_latest(torsion_bridge, torsion_bridge.taps, group, in_rb, latest)
                         f_b = f_end + f_step * shape_at(gesture.force, group, t0 + u)
                         v_b = v_0 + v_1 * shape_at(gesture.speed, group, t0 + u)
                         v_h = in_b + in_n + in_rn + in_rb  # the one that is computed last is added last
@@ -309,7 +268,8 @@ def build(version: int) -> Any:
                         out_b = in_n + push_t
                         store(bridge.ring, row_b + i, out_b)
                         store(nut.ring, row_n + i, in_b + push_t)
-                        store(torsion_bridge.ring, row_rb + i, in_rn + push_r)
+                        latest = latest[1], latest[2], in_rn + push_r
+                        store(torsion_bridge.ring, row_rb + i, latest[2])
                         store(torsion_nut.ring, row_rn + i, in_rb + push_r)
                         total = choose(slips, total + s, 0.0)
                         store(work, totals + i, total)
@@ -318,12 +278,13 @@ def build(version: int) -> Any:
                         waves = (out_b, v, v_h, in_b + in_n + push_t, push, choose(slips, zero + 1.0, 0.0))
                         waves = waves + of_body(bridge.body, i, push) + state_of(law, base, push)
                         _keep(traces, (t0 + u) * slipping.shape[0] * LANES + base, waves)
-                _write(bridge.ring, row_b, begin, end, bridge_force, base, t0)
+                _write(bridge.ring, row_b, begin, end, bridge_force, places, base, t0)
                 store(states, (t0 + early) // (states.itemsize * 8) * LANES, past)
                 at_b, at_n = _sent(bridge, group, at_b), _sent(nut, group, at_n)
                 at_rb, at_rn = _sent(torsion_bridge, group, at_rb), _sent(torsion_nut, group, at_rn)
             slipping[group] = bits_of(slips)
             _note(early, samples, base, state, intervals)
+        _put_in_order(places, intervals)
         return version
 
     return advance

@@ -12,7 +12,7 @@ from bow_sim.simd.lanes import LANES, aligned
 
 
 def windows(
-    functions: Sequence[tuple[int, tuple[float, ...]]], dtype: Any, even: bool = False
+    functions: Sequence[tuple[int, tuple[float, ...]]], dtype: Any, even: bool = False, least: int = 0
 ) -> tuple[NDArray[Any], NDArray[np.int64], NDArray[np.int64]]:
     """Lay out taps at each lane's own lags, zeros elsewhere.
 
@@ -23,6 +23,9 @@ def windows(
     dtype : dtype
     even : bool
         Let each group need an even number of taps.
+    least : int
+        If odd, the greatest lag of each group is made odd, and at least this; then there is a tap for each lag from 1
+        on, beyond those that a group needs.
 
     Returns
     -------
@@ -35,9 +38,11 @@ def windows(
     """
     first = np.array([lag for lag, _ in functions]).reshape(-1, LANES)
     last = np.array([lag + len(taps) - 1 for lag, taps in functions]).reshape(-1, LANES).max(axis=1)
+    if least:
+        last = np.maximum(last, least) | 1
     count = last - first.min(axis=1) + 1
     count += count % 2 if even else 0
-    table: NDArray[Any] = aligned((len(last), int(count.max()), LANES), dtype)
+    table: NDArray[Any] = aligned((len(last), int((last if least else count).max()), LANES), dtype)
     for i, (lag, taps) in enumerate(functions):
         group, lane = divmod(i, LANES)
         oldest = last[group] - (lag + len(taps) - 1)

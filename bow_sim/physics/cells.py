@@ -58,6 +58,16 @@ class Cells:
         given = self.lanes.get(name)
         return np.full(self.count, float(getattr(self.parameters, name))) if given is None else given
 
+    def taken(self, order: NDArray[np.int64]) -> Cells:
+        """Return the cells of these numbers, in this order."""
+        ends, bodies = self.ends, self.bodies
+        return Cells(
+            self.parameters,
+            {name: values[order] for name, values in self.lanes.items()},
+            tuple(ends[i] for i in order) if len(ends) > 1 else ends,
+            tuple(bodies[i] for i in order) if len(bodies) > 1 else bodies,
+        )
+
     def of_ends(self, name: str) -> NDArray[np.float64]:
         """Return an admittance (``y_t``, ``y_r`` or ``y``) of every cell, shape (cells,)."""
         values = np.array([getattr(e, name) for e in self.ends])

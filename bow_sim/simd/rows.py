@@ -169,31 +169,44 @@ def interleave(builder: Any, rows: Sequence[Any]) -> list[Any]:
     return list(rows)
 
 
+def _transpose(of_lane: Any) -> Any:
+    """Return what emits a transposition; ``of_lane(context, builder, signature, args, lane)`` is the column's place."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        x, out = signature.args[0], signature.args[3]
+        kind, single = vector(LANES_OF[x.dtype]), ir.VectorType(ir.FloatType(), LANES)
+        rows = []
+        for r in range(LANES):
+            place = builder.add(args[1], builder.mul(args[2], _I64(r)))
+            value = element_aligned(builder.load(pointer(context, builder, x, args[0], place, kind)), x)
+            rows.append(value if value.type == single else builder.fptrunc(value, single))
+        for lane, column in enumerate(interleave(builder, rows)):
+            place = builder.add(args[4], builder.mul(args[5], of_lane(context, builder, signature, args, lane)))
+            element_aligned(builder.store(column, pointer(context, builder, out, args[3], place, single)), out)
+        return context.get_dummy_value()
+
+    return codegen
+
+
 @intrinsic
 def transpose(typingctx: Any, x: Any, i: Any, width: Any, out: Any, o: Any, stride: Any) -> Any:
     """Write eight rows of eight lanes as eight columns of float32.
 
     ``out[o + lane stride + r] = x[i + r width + lane]`` for r and lane in 0 ... 7.
     """
-    lanes = LANES_OF[x.dtype]
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        x_value, i_value, w, out_value, o_value, s = args
-        single = ir.VectorType(ir.FloatType(), LANES)
-
-        def place(start: Any, step: Any, number: int) -> Any:
-            return builder.add(start, builder.mul(step, ir.Constant(_I64, number)))
-
-        rows = []
-        for r in range(LANES):
-            value = element_aligned(
-                builder.load(pointer(context, builder, x, x_value, place(i_value, w, r), vector(lanes))), x
-            )
-            rows.append(builder.fptrunc(value, single) if lanes.dtype is types.float64 else value)
-        for lane, column in enumerate(interleave(builder, rows)):
-            element_aligned(
-                builder.store(column, pointer(context, builder, out, out_value, place(o_value, s, lane), single)), out
-            )
-        return context.get_dummy_value()
-
+    codegen = _transpose(lambda context, builder, signature, args, lane: _I64(lane))
     return types.void(x, types.intp, types.intp, out, types.intp, types.intp), codegen
+
+
+@intrinsic
+def transpose_to(
+    typingctx: Any, x: Any, i: Any, width: Any, out: Any, o: Any, stride: Any, columns: Any, first: Any
+) -> Any:
+    """Do the same with other columns: ``out[o + columns[first + lane] stride + r] = x[i + r width + lane]``."""
+
+    def of_lane(context: Any, builder: Any, signature: Any, args: Any, lane: int) -> Any:
+        place = builder.add(args[7], _I64(lane))
+        return builder.load(pointer(context, builder, columns, args[6], place, _I64))
+
+    signature = types.void(x, types.intp, types.intp, out, types.intp, types.intp, columns, types.intp)
+    return signature, _transpose(of_lane)

@@ -114,7 +114,7 @@ def test_a_cell_does_not_depend_on_its_lane_its_neighbours_or_their_number(model
 
 
 SWEEPS = {
-    "bow position": ("stiff_cremer", {"bow_bridge": np.array([4, 5, 9, 15, 15, 16, 30, 69, 70, 110.0])}),
+    "bow position": ("stiff_cremer", {"bow_bridge": np.array([30, 110, 5, 15, 69, 9, 4, 16, 15, 70.0])}),
     "stiffness": ("stiff_cremer", {"stiffness_b": np.geomspace(1e-6, 1e-3, 10)}),
     "anti-alias filter": (
         "stiff_cremer",
@@ -139,6 +139,20 @@ def test_any_number_may_differ_between_the_cells_of_a_block(what):
         own = p.replace(**{name: float(values[cell]) for name, values in lanes.items()})
         assert same_cell(results, cell, run(own, {"f_asym": [2.5]}, 3), 0)
         assert results[0].bridge_force[cell].tobytes() != results[0].bridge_force[(cell + 5) % 10].tobytes()
+
+
+def test_cells_that_the_kernel_computes_in_another_order_keep_their_places():
+    positions = np.repeat([20.0, 5.0, 40.0, 11.0], 4)
+    forces = np.geomspace(0.5, 20.0, 16)
+    p, order = Parameters(model="stiff_cremer", periods=15), np.argsort(positions, kind="stable")
+    mixed, by_position = (
+        run(p, {"bow_bridge": positions[some], "f_asym": forces[some]}, 3) for some in (np.arange(16), order)
+    )
+    assert all(same_cell(by_position, lane, mixed, cell) for lane, cell in enumerate(order))
+    block, force = Block(p, {"bow_bridge": positions, "f_asym": forces}), np.empty_like(mixed[0].bridge_force)
+    assert block.advance(force).bridge_force is force
+    assert force.tobytes() == mixed[0].bridge_force.tobytes()
+    assert np.array_equal(block.admittance, Block(p, {"f_asym": forces}).admittance)
 
 
 @pytest.mark.parametrize(

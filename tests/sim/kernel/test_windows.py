@@ -1,11 +1,14 @@
-"""Taps of cells that differ are laid out so that a group's window has each lane's at its own lags."""
+"""Cells with like lags come into one group, and its window has each lane's taps at its own lags."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from bow_sim.kernel.order import order_of
 from bow_sim.kernel.windows import windows
+from bow_sim.physics.parameters import Parameters
+from bow_sim.physics.reflection import ends
 from bow_sim.simd.lanes import LANES
 
 
@@ -23,3 +26,21 @@ def test_each_lane_has_its_taps_at_its_lags_and_a_group_as_many_as_it_needs(even
             want[[last[group] - (lag + k) for k in range(len(values))]] = values
             assert taps[group, :, lane].tolist() == want.tolist()
         assert not taps[group, count[group] :].any()
+
+
+def test_a_greatest_lag_is_made_odd_and_has_a_tap_for_each_lag_below_it() -> None:
+    functions = [(1, (0.5,))] * LANES + [(2, (1.0, 2.0, 3.0))] * LANES + [(4, (1.0, 2.0, 3.0, 4.0, 5.0))] * LANES
+    taps, count, last = windows(functions, np.float64, even=True, least=3)
+    assert (last.tolist(), count.tolist(), taps.shape[1]) == ([3, 5, 9], [4, 4, 6], 9)
+    for group, size in enumerate(last):
+        by_lag = {size - k: taps[group, k, 0] for k in range(size)}
+        lag, values = functions[group * LANES]
+        assert by_lag == {n: dict(enumerate(values, lag)).get(n, 0.0) for n in range(1, size + 1)}
+
+
+def test_cells_with_like_lags_are_neighbours_in_an_order_that_keeps_what_is_alike() -> None:
+    near, far = (ends(Parameters(bow_bridge=n)) for n in (9, 30))
+    order = order_of([far, near, far, near])
+    assert order is not None and order.tolist() == [1, 3, 0, 2]
+    assert order_of([near, near, far]) is None
+    assert order_of([near]) is None

@@ -21,7 +21,7 @@ from bow_sim.simd.lanes import (
     spread,
     store,
 )
-from bow_sim.simd.rows import completed, fir_of, nothing_summed, push, transpose
+from bow_sim.simd.rows import completed, fir_of, nothing_summed, push, transpose, transpose_to
 from bow_sim.simd.signs import followed
 
 KINDS = (np.float64, np.float32)
@@ -172,6 +172,21 @@ def test_a_square_is_transposed_and_rounded_to_single_precision(kind):
     turn(x, out)
     assert np.array_equal(out[:, 3:11], x[2:10].T.astype(np.float32))
     assert not out[:, :3].any() and not out[:, 11:].any()
+
+
+@njit
+def turn_to(x, out, columns):
+    transpose_to(x, 0, LANES, out, 3, out.shape[1], columns, 2)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_columns_of_a_square_may_be_written_in_any_order(kind):
+    rng = np.random.default_rng(8)
+    x, order = rng.normal(size=(LANES, LANES)).astype(kind), rng.permutation(LANES + 3)[:LANES]
+    out = np.zeros((LANES + 3, 20), np.float32)
+    turn_to(x, out, np.append([0, 0], order))
+    assert np.array_equal(out[order, 3:11], x.T.astype(np.float32))
+    assert np.count_nonzero(out) == LANES * LANES
 
 
 def test_buffers_begin_at_cache_lines():
