@@ -147,14 +147,15 @@ def _run_child(run: Callable[[], int], output: Path, keep: int, mask: Iterable[i
         for number in STOPS:
             signal.signal(number, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        nothing = os.open(os.devnull, os.O_RDONLY)
+        # Not closed: the number would be given to another file, which an object of ours, when it goes, would close.
         for descriptor in [int(path.name) for path in Path("/proc/self/fd").iterdir()]:
-            if descriptor > 2 and descriptor != keep:
-                with contextlib.suppress(OSError):  # the one that listed the directory is closed already
-                    os.close(descriptor)
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            if descriptor not in (1, 2, keep, nothing):
+                os.dup2(nothing, descriptor, inheritable=descriptor == 0)
         os.dup2(os.open(output, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644), 1)
         os.dup2(1, 2)
         sys.stdout = sys.stderr = os.fdopen(1, "w", buffering=1)
+        _forget_formulas()
         status = run()
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else FAILED
@@ -164,3 +165,14 @@ def _run_child(run: Callable[[], int], output: Path, keep: int, mask: Iterable[i
         with contextlib.suppress(BaseException):  # even then, os._exit must be reached
             sys.stdout.flush()
         os._exit(status)
+
+
+def _forget_formulas() -> None:
+    """Have Matplotlib set formulas anew: those that it keeps are set in fonts whose files are not open here.
+
+    It forgets the fonts themselves at a fork.
+    """
+    parser = getattr(sys.modules.get("matplotlib.mathtext"), "MathTextParser", None)
+    kept = getattr(parser, "_parse_cached", None)
+    if kept is not None:
+        kept.cache_clear()

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -47,13 +48,25 @@ def test_it_has_no_open_file_of_its_parent(tmp_path):
         number = held.fileno()
 
         def run():
-            try:
-                os.fstat(number)
-            except OSError:
-                return 0
-            return 1
+            return int(Path(f"/proc/self/fd/{number}").readlink() != Path(os.devnull))
 
         assert Forked(run, tmp_path / "log").wait(10) == 0
+
+
+def test_a_file_of_its_parent_that_goes_closes_none_of_its_own(tmp_path):
+    holder = [open(tmp_path / "file", "w")]  # noqa: SIM115  # it goes in the child
+    number = holder[0].fileno()
+
+    def run():
+        own = [open(tmp_path / "log") for _ in range(number)]  # noqa: SIM115  # one could have the number of that file
+        holder.clear()
+        for each in own:
+            each.close()
+        return 0
+
+    child = Forked(run, tmp_path / "log")
+    assert child.wait(10) == 0, (tmp_path / "log").read_text()
+    holder[0].close()
 
 
 def test_handlers_of_its_parent_are_not_its_own(tmp_path):
