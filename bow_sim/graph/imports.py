@@ -1,9 +1,10 @@
-"""Imports of large libraries: without optional ones that nothing here needs, and without collections of garbage."""
+"""Imports of large libraries: without optional ones that nothing here needs, and without what else costs time."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import inspect
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -44,3 +45,12 @@ def uncollected() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
+
+
+def know_files() -> None:
+    """Tell `inspect` the files of all modules that are loaded: it looks for each of them at the first line of a log."""
+    names = getattr(inspect, "_filesbymodname", {})
+    for name, module in sys.modules.copy().items():
+        if file := getattr(module, "__file__", None):
+            names[name] = file
+            inspect.modulesbyfile.setdefault(file, name)

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import inspect
 import os
-import sys
 import time
 from collections.abc import Sequence
 
-from bow_sim.graph.imports import absent
+from bow_sim.graph.imports import absent, know_files
 from bow_sim.physics.errors import ParameterError
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes.interrupts import Interrupts
@@ -95,8 +93,7 @@ def load_ros(*roles: str) -> None:
         for kind in vars(importlib.import_module(package)).values():
             if isinstance(kind, type):
                 check_for_type_support(kind)  # loads its code in C
-    # The first line of a log looks for the file of each module, for 40 ms: that is kept, and copied too.
-    inspect.getmodule(sys._getframe())
+    know_files()
 
 
 def load_compiled(sweep: Sweep) -> None:

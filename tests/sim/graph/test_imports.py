@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import gc
 import importlib
+import inspect
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from bow_sim.graph.imports import absent, uncollected
+from bow_sim.graph.imports import absent, know_files, uncollected
 
 
 def test_a_module_cannot_be_imported_in_the_context_and_can_be_after_it(
@@ -34,6 +36,15 @@ def test_garbage_is_collected_again_after_the_context_if_it_was_before_it() -> N
             pass
         assert not gc.isenabled()
     assert gc.isenabled()
+
+
+def test_the_module_of_a_line_is_found_without_a_look_at_all_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    know_files()
+    looked: list[object] = []
+    monkeypatch.setattr(os.path, "realpath", looked.append)
+    assert inspect.getmodule(sys._getframe()) is sys.modules[__name__]
+    assert inspect.getmodule(importlib.import_module("logging").getLogger().info) is sys.modules["logging"]
+    assert not looked
 
 
 def test_maps_are_drawn_without_pictures_in_three_dimensions_and_without_a_warning() -> None:
