@@ -87,12 +87,12 @@ def load_ros(*roles: str) -> None:
         importlib.import_module("bow_sweep.processes.supervisor_node")
         for role in roles:
             importlib.import_module(MODULES[role])
-    from rclpy.type_support import check_for_type_support
+        from rclpy.type_support import check_for_type_support
 
-    for package in PACKAGES_OF_TYPES:
-        for kind in vars(importlib.import_module(package)).values():
-            if isinstance(kind, type):
-                check_for_type_support(kind)  # loads its code in C
+        for package in PACKAGES_OF_TYPES:
+            for kind in vars(importlib.import_module(package)).values():
+                if isinstance(kind, type):
+                    check_for_type_support(kind)  # loads its code in C
     know_files()
 
 

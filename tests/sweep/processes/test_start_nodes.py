@@ -53,7 +53,7 @@ def test_coordinator_and_simulators_find_the_fingerprint_computed() -> None:
 
 
 ALONE = f"""
-import os, threading
+import os, sys, threading
 from bow_sweep.plan.sweep import Sweep
 from bow_sweep.processes import start_nodes as start
 
@@ -63,6 +63,7 @@ start.load_compiled(Sweep.from_spec("", {SMALL}))
 import rclpy.context
 assert not rclpy.context.g_logging_ref_count, "a context of ROS was initialised"
 assert threading.active_count() == 1
+assert not {"lark", "rosidl_generator_py.generate_py_impl"} & sys.modules.keys(), "what makes code of messages"
 opened = [os.readlink(f"/proc/self/fd/{{number}}") for number in os.listdir("/proc/self/fd")[:-1]]
 assert not [each for each in opened if each.startswith(("socket:", "/dev/shm/fast"))], opened
 """
