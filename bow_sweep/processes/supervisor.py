@@ -248,6 +248,8 @@ class Supervisor:
         exits = [(child, status) for child in self.children if (status := child.process.poll()) is not None]
         if self._cleaner is not None:
             self._running_cleaner()
+        if self._painter is not None:
+            self._painter.poll()  # it ends with the coordinator that it draws for
         gone = [Exit(child, self._effective_status(child, status)) for child, status in exits]
         self.children = [child for child in self.children if child.process.returncode is None]
         return gone

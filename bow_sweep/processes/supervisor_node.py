@@ -323,7 +323,7 @@ def restart_unresponsive(
         restarts[child.role] += 1
         why = f"no heartbeat from {child.label}" if pid in unheard else f"{child.label} is not connected to the others"
         if pid == watchdog.deaf:
-            why = "the coordinator hears neither recorder and classifier nor those that were started after them"
+            why = "the coordinator does not hear all others, or not those that were started again"
         of_role = sum(other.role == child.role for other in children.values())
         too_often = restarts[child.role] > RESTARTS * of_role and pid in needed
         goes_on = stays or (pid == watchdog.deaf and bool(supervisor.again))

@@ -115,7 +115,7 @@ class Watchdog:
         self._joins = 0  # since then
         self._progress: tuple[object, float] = (None, 0.0)
         self.deaf = 0
-        """Process of the coordinator that is restarted because it hears nobody; 0 as long as there is none."""
+        """Process of the coordinator that is restarted because it does not hear the others; 0 until there is one."""
         self.worked: set[int] = set()
         """Processes that have been ready."""
 
@@ -216,9 +216,8 @@ class Watchdog:
         Processes that are not ready wait for each other. First in question is a recorder or classifier that has not
         opened the run, then one that other nodes do not hear, then simulators. Where the successor of such a process is
         not ready either, recorder and classifier may be the ones that do not hear. If all these are ready and the
-        coordinator is not, it is they that it does not hear; last in question is the coordinator itself. Where neither
-        the successor of the recorder nor that of the classifier gets ready, it is the coordinator that does not hear:
-        it is named then, once.
+        coordinator is not, it is they that it does not hear; last in question is the coordinator itself, also where
+        neither the successor of the recorder nor that of the classifier gets ready: `deaf` names it then, once.
 
         Parameters
         ----------
@@ -242,12 +241,13 @@ class Watchdog:
             roles = {self._peers[pid].role for pid in stuck & self._peers.keys()}
             of_both = roles & self._stuck and self._stuck >= set(CONSUMERS)
             if of_both and coordinator in needed and not self.deaf:
-                self.deaf, stuck, roles = coordinator, {coordinator}, set()
+                stuck, roles = {coordinator}, set()
                 self._stuck.clear()
-                self._coordinator = (0, math.inf)  # its successor has yet to be heard
             elif roles & self._stuck:
                 stuck |= {pid for pid in needed if pid in self._peers and self._peers[pid].role in CONSUMERS}
                 roles |= set(CONSUMERS)
+            if coordinator in stuck and not self.deaf:
+                self.deaf, self._coordinator = coordinator, (0, math.inf)  # its successor has yet to be heard
             self._stuck |= roles
             self._without_run -= stuck
             others = {pid: process for pid, process in self._starting.items() if pid not in stuck}

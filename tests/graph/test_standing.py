@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -49,11 +50,12 @@ def up(ros_domain: int, gate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def nodes(pid: int, role: str = "") -> list[psutil.Process]:
     """Return the nodes of a graph, by the process that keeps it; or those of one role."""
-    return [
-        child
-        for child in psutil.Process(pid).children()
-        if "--ros-args" in (words := " ".join(child.cmdline())) and f"__node:={role}" in words
-    ]
+    found = []
+    for child in psutil.Process(pid).children():
+        with contextlib.suppress(psutil.NoSuchProcess):  # it has just ended
+            if "--ros-args" in (words := " ".join(child.cmdline())) and f"__node:={role}" in words:
+                found.append(child)
+    return found
 
 
 def shared_memory(pid: int) -> set[str]:

@@ -96,13 +96,14 @@ class Sweep:
         return self.process.wait(PATIENCE_S)
 
     def stop(self) -> None:
-        """Leave nothing behind, whatever happened."""
+        """Leave nothing behind, whatever happened: all processes end at once, none hears that another one has."""
         family = self.children()
-        for process in [psutil.Process(self.process.pid)] if self.process.poll() is None else []:
-            process.send_signal(signal.SIGKILL)
-        for process in family:
-            with contextlib.suppress(psutil.NoSuchProcess):
-                process.kill()
+        if self.process.poll() is None:
+            family.insert(0, psutil.Process(self.process.pid))
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            for process in family:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    process.send_signal(number)
         self.process.wait()
 
 

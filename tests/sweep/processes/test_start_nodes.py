@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any, cast
 
@@ -111,8 +112,13 @@ def test_only_the_coordinator_can_ask_the_process_that_draws(tmp_path: Path, mon
     supervisor.start_painter()
     recorder, coordinator = supervisor.start("recorder"), supervisor.start("coordinator")
     assert (recorder.process.wait(20), coordinator.process.wait(20)) == (0, 7), coordinator.log.read_text()
-    assert supervisor._painter is not None
-    assert supervisor._painter.wait(20) == 5  # its only coordinator has ended
+    painter, deadline = supervisor._painter, time.monotonic() + 20
+    assert painter is not None
+    while painter.returncode is None:  # it does not stay as a zombie
+        assert time.monotonic() < deadline
+        supervisor.exited()
+        time.sleep(0.01)
+    assert painter.returncode == 5  # its only coordinator has ended
     assert not supervisor.stop(idle=True)
 
 

@@ -232,6 +232,17 @@ def test_where_successors_of_recorder_and_classifier_are_not_heard_the_coordinat
     assert not watchdog.must_join_again(now + LOST_S - STUCK_S)
 
 
+def test_where_all_others_are_ready_the_coordinator_is_restarted_once(machine: Machine) -> None:
+    watchdog = Watchdog(RUN, machine.usage)
+    for now, process in ((0.0, 9), (20.0, 100)):
+        watchdog.heartbeat(process, "coordinator", NodeState.STARTING, RUN, now, "own", ["a", "b", "c"])
+        for pid, role, incarnation in ((1, "recorder", "a"), (2, "classifier", "b"), (3, "simulator", "c")):
+            watchdog.heartbeat(pid, role, NodeState.BUSY, RUN, now, incarnation)
+        assert watchdog.stuck(now + STUCK_S - 1, {1, 2, 3, process}) == set()
+        assert watchdog.stuck(now + STUCK_S + 1, {1, 2, 3, process}) == {process}
+        assert watchdog.deaf == 9, "once; what comes then ends the sweep"
+
+
 def test_a_coordinator_of_another_machine_is_not_restarted(machine: Machine) -> None:
     watchdog = Watchdog(RUN, machine.usage)
     watchdog.heartbeat(0, "coordinator", NodeState.BUSY, RUN, 0)
