@@ -217,7 +217,11 @@ class Graph(Listener):
 
         key = UUID(uuid=list(bytes.fromhex(identity) + uuid.uuid4().bytes[:8]))
         sent = self._action.send_goal_async(goal, feedback_callback=keep, goal_uuid=key)
-        self._until(sent.done, check, "the coordinator does not answer")
+        try:
+            self._until(sent.done, check, "the coordinator does not answer")
+        except KeyboardInterrupt:
+            self._withdraw(sent)
+            raise
         handle = sent.result()
         if handle is None or not handle.accepted:
             raise GraphError("the coordinator rejects the goal; is it of another version of bow?")
@@ -287,6 +291,14 @@ class Graph(Listener):
             waits = leader.detail if leader is not None and leader.state == NodeState.STARTING else ""
             progress(None if latest is None else _progress(latest), waits)
         return answer.result().result
+
+    def _withdraw(self, sent: Any) -> None:
+        """Cancel a goal that was sent, once it is accepted: its run would go on without a client."""
+        deadline = time.monotonic() + JOIN_S
+        while not sent.done() and time.monotonic() < deadline and self.state.is_alive:
+            self.spin()
+        if sent.done() and (handle := sent.result()) is not None and handle.accepted:
+            self._cancel((handle, handle.get_result_async()))
 
     def _cancel(self, goal: tuple[Any, Any]) -> None:
         """Cancel a goal, and wait until its run is closed; give up where the graph is gone."""

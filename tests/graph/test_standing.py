@@ -137,6 +137,32 @@ def test_sweeps_leave_what_a_graph_of_their_own_leaves_and_nothing_is_left_of_th
     assert "there is no graph" in bow("down").stdout
 
 
+def test_a_run_that_is_cancelled_before_its_goal_is_answered_does_not_go_on(
+    up: Path, gate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bow_sweep.plan.sweep import Sweep
+    from bow_sweep.standing.client import connect
+
+    gate.write_text("30")
+    sent: list[Any] = []
+    with connect() as graph:
+        send = graph._action.send_goal_async
+
+        def keep(*arguments: Any, **named: Any) -> Any:
+            sent.append(send(*arguments, **named))
+            return sent[0]
+
+        monkeypatch.setattr(graph._action, "send_goal_async", keep)
+        sweep = Sweep.from_spec("fig11d", ["x.count=32", "y.count=16", "block_cells=8", "periods=60"])
+        with pytest.raises(KeyboardInterrupt):
+            graph.run(sweep, tmp_path / "run", dashboard=False, cancelled=lambda: bool(sent))
+    assert status()["run"] is None
+    gate.unlink()
+    with sweeping(tmp_path / "run", "--resume", str(tmp_path / "run"), "--no-dashboard") as again:
+        assert again.wait() == 0, again.text
+    verified(tmp_path / "run")
+
+
 def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
     up: Path, gate: Path, undisturbed_tiny: Path, tmp_path: Path
 ) -> None:
