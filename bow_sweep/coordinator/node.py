@@ -212,7 +212,7 @@ class CoordinatorNode(BowNode):
         if self._painter is not None:
             self._painter.close()
         if self._frozen:
-            gc.unfreeze()  # this node too: its DDS entities are destroyed by a collection, see node_process.leave
+            gc.unfreeze()  # this node too: its DDS entities are destroyed by a collection, see leaving
         self._chooser.close()
         self._session.close()
 

@@ -294,11 +294,11 @@ class Graph(Listener):
 
     def _withdraw(self, sent: Any) -> None:
         """Cancel a goal that was sent, once it is accepted: its run would go on without a client."""
-        deadline = time.monotonic() + JOIN_S
-        while not sent.done() and time.monotonic() < deadline and self.state.is_alive:
-            self.spin()
-        if sent.done() and (handle := sent.result()) is not None and handle.accepted:
-            self._cancel((handle, handle.get_result_async()))
+        with contextlib.suppress(GraphError):  # the graph is gone, or does not answer
+            self._until(sent.done, lambda: None, "the coordinator does not answer")
+            handle = sent.result()
+            if handle is not None and handle.accepted:
+                self._cancel((handle, handle.get_result_async()))
 
     def _cancel(self, goal: tuple[Any, Any]) -> None:
         """Cancel a goal, and wait until its run is closed; give up where the graph is gone."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
@@ -13,7 +12,7 @@ from typing import Any
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, gated, run_sweep, sweeping, until, verified
+from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, gated, nodes_of, run_sweep, sweeping, until, verified
 
 from bow_sim.graph.shm_files import files_of, is_port
 from bow_sweep.standing.client import CANCEL_S
@@ -42,25 +41,15 @@ def up(ros_domain: int, gate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     yield folder
     state = read_state(folder)
     if state is not None:
-        family = nodes(state.pid)
+        family = nodes_of(state.pid)
         for process in (psutil.Process(state.pid), *family):
             process.kill()
         psutil.wait_procs(family)
 
 
-def nodes(pid: int, role: str = "") -> list[psutil.Process]:
-    """Return the nodes of a graph, by the process that keeps it; or those of one role."""
-    found = []
-    for child in psutil.Process(pid).children():
-        with contextlib.suppress(psutil.NoSuchProcess):  # it has just ended
-            if "--ros-args" in (words := " ".join(child.cmdline())) and f"__node:={role}" in words:
-                found.append(child)
-    return found
-
-
 def shared_memory(pid: int) -> set[str]:
     """Return the files that a graph has in shared memory, but for ports: other processes may use them afterwards."""
-    files = set[str]().union(*(files_of(process) for process in (pid, *(node.pid for node in nodes(pid)))))
+    files = set[str]().union(*(files_of(process) for process in (pid, *(node.pid for node in nodes_of(pid)))))
     return {file for file in files if not is_port(file)}
 
 
@@ -123,7 +112,7 @@ def test_sweeps_leave_what_a_graph_of_their_own_leaves_and_nothing_is_left_of_th
     assert Path(result.directory) == tmp_path / "root" / result.run_id
     verified(Path(result.directory))
 
-    family = nodes(state.pid)
+    family = nodes_of(state.pid)
     files = shared_memory(state.pid)
     assert files
     ended = bow("down")
@@ -197,14 +186,14 @@ def test_clients_and_nodes_may_be_killed_and_the_graph_goes_on(
     other = tmp_path / "other"
     with sweeping(other, *LONG, "--out", str(other)) as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 1)
-        nodes(state.pid, "coordinator")[0].kill()
+        nodes_of(state.pid, "coordinator")[0].kill()
         killed_at = time.monotonic()
         assert sweep.wait() == 1, sweep.text
         assert time.monotonic() - killed_at < CANCEL_S, "the next coordinator has nothing to cancel"
         assert "the coordinator of the standing graph was started again" in sweep.text
         assert f"--resume {other}" in sweep.text
     gate.unlink()
-    nodes(state.pid, "recorder")[0].kill()  # between two runs
+    nodes_of(state.pid, "recorder")[0].kill()  # between two runs
     with sweeping(other, "--resume", str(other), "--no-dashboard") as sweep:
         assert sweep.wait() == 0, sweep.text
     assert_same_map(killed, other)
@@ -217,7 +206,7 @@ def test_of_a_graph_that_is_killed_nothing_is_left_and_another_can_be_started(
 ) -> None:
     state = read_state(up)
     assert state is not None
-    family, files = nodes(state.pid), shared_memory(state.pid)
+    family, files = nodes_of(state.pid), shared_memory(state.pid)
     gate.write_text("30")
     run = tmp_path / "run"
     with sweeping(run, *LONG, "--out", str(run)) as sweep:

@@ -57,21 +57,11 @@ class Sweep:
 
     def children(self, role: str = "") -> list[psutil.Process]:
         """Return the processes of its graph, or those of one role."""
-        return self._family(lambda words: "--ros-args" in words and f"__node:={role}" in words)
+        return nodes_of(self.process.pid, role)
 
     def shm_cleaners(self) -> list[psutil.Process]:
         """Return the process that removes what dead ones leave in shared memory: it can be killed too."""
-        return self._family(lambda words: "shm_cleaner" in words)
-
-    def _family(self, says: Callable[[str], bool]) -> list[psutil.Process]:
-        """Return the children of which the command line says so."""
-        found = []
-        with contextlib.suppress(psutil.NoSuchProcess):
-            for child in psutil.Process(self.process.pid).children():
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    if says(" ".join(child.cmdline())):
-                        found.append(child)
-        return found
+        return _family(self.process.pid, lambda words: "shm_cleaner" in words)
 
     def done_blocks(self) -> int:
         """Return how many blocks the ledger says are done."""
@@ -105,6 +95,22 @@ class Sweep:
                 with contextlib.suppress(psutil.NoSuchProcess):
                     process.send_signal(number)
         self.process.wait()
+
+
+def nodes_of(pid: int, role: str = "") -> list[psutil.Process]:
+    """Return the nodes of a graph, by the process that has started them; or those of one role."""
+    return _family(pid, lambda words: "--ros-args" in words and f"__node:={role}" in words)
+
+
+def _family(pid: int, says: Callable[[str], bool]) -> list[psutil.Process]:
+    """Return the children of a process of which the command line says so."""
+    found = []
+    with contextlib.suppress(psutil.NoSuchProcess):
+        for child in psutil.Process(pid).children():
+            with contextlib.suppress(psutil.NoSuchProcess):
+                if says(" ".join(child.cmdline())):
+                    found.append(child)
+    return found
 
 
 def until(what: Callable[[], object], why: str) -> None:
