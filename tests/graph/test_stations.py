@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import psutil
@@ -35,7 +35,7 @@ class Station:
     """`bow station` as a process."""
 
     def __init__(self, name: str, sweep: Sweep, out: Path) -> None:
-        self.sweep, self.output = sweep, out.with_suffix(".out")
+        self.name, self.sweep, self.output = name, sweep, out.with_suffix(".out")
         words = [sys.executable, "-m", "bow_sweep", "station", name, "--run", str(sweep.directory), "--simulators", "1"]
         with open(self.output, "ab") as output:
             self.process = subprocess.Popen(
@@ -48,12 +48,16 @@ class Station:
         first = psutil.Process(self.process.pid)
         return [first, *first.children(recursive=True)]
 
-    def wait_for_blocks(self, name: str, more_than: int) -> None:
-        """Wait until the ledger says that the station has done more blocks than these."""
+    def wait_for_a_block(self) -> None:
+        """Wait until it has started its nodes and the ledger says that it has done a block more."""
+        self._wait_until(lambda: len(self.family) >= 5)  # the command, three nodes and the cleaner of shared memory
+        before = stations_of(self.sweep.directory)[self.name]  # another of this name may have done blocks before
+        self._wait_until(lambda: stations_of(self.sweep.directory)[self.name] > before)
 
+    def _wait_until(self, what: Callable[[], bool]) -> None:
         def is_there() -> bool:
             assert self.process.poll() is None, self.output.read_text()
-            return stations_of(self.sweep.directory)[name] > more_than
+            return what()
 
         self.sweep.wait_until(is_there)
 
@@ -96,17 +100,15 @@ def test_a_station_comes_late_is_killed_whole_comes_back_and_leaves(alone: Path,
         (own,) = sweep.children("simulator")
         own.send_signal(signal.SIGSTOP)  # so that the work lasts until the others have had their part
         with station("lab", sweep, out) as lab:
-            lab.wait_for_blocks("lab", 0)
+            lab.wait_for_a_block()
             family = lab.family
-            assert len(family) >= 5, "the command, three nodes and the cleaner of shared memory"
             files = set[str]().union(*(files_of(process.pid) for process in family))
             for process in family:
                 process.kill()
             lab.process.wait()
-        before = stations_of(run)["lab"]
-        assert before < BLOCKS - 20, "the machine is too fast for this sweep"
+        assert stations_of(run)["lab"] < BLOCKS - 20, "the machine is too fast for this sweep"
         with station("lab", sweep, out) as lab:
-            lab.wait_for_blocks("lab", before)
+            lab.wait_for_a_block()
             lab.process.send_signal(signal.SIGINT)
             assert lab.process.wait(PATIENCE_S) == 130, lab.output.read_text()
             assert "the run goes on without station lab" in lab.output.read_text()
