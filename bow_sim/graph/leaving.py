@@ -136,9 +136,9 @@ def close_all(status: int, hint: str = "") -> None:
         return
     exit_after(LEAVE_S, status, f"{HANGS}; {hint}" if hint else HANGS)
     try:
-        with _ignored(signal.SIGINT, signal.SIGTERM):  # the work is done
+        with _ignored(signal.SIGINT, signal.SIGTERM), contextlib.ExitStack() as stack:  # the work is done
             while closers:
-                closers.pop(0)()
+                stack.callback(closers.pop())  # the first is called first; the others also where one raises
     finally:
         cancel_exit()
 
@@ -151,8 +151,10 @@ def run_command(work: Callable[[], int]) -> int:
         status = work()
         return status
     finally:
-        close_all(status)
-        _commands.pop()
+        try:
+            close_all(status)
+        finally:
+            _commands.pop()
 
 
 @contextlib.contextmanager

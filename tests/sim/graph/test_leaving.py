@@ -8,6 +8,8 @@ import subprocess
 import sys
 import threading
 
+import pytest
+
 from bow_sim.graph import leaving
 from bow_sim.graph.leaving import at_end, close_all, run_command
 
@@ -71,6 +73,22 @@ def test_what_is_left_to_the_end_is_closed_in_order_after_the_work() -> None:
 
     assert run_command(work) == 3
     assert done == ["work", "graph", "cleaner"]
+
+
+def test_one_that_cannot_be_closed_does_not_keep_the_others() -> None:
+    done: list[str] = []
+
+    def fail() -> None:
+        raise OSError("no")
+
+    def work() -> int:
+        at_end(fail)
+        at_end(lambda: done.append("cleaner"))
+        return 3
+
+    with pytest.raises(OSError, match="no"):
+        run_command(work)
+    assert done == ["cleaner"]
 
 
 def test_without_a_command_it_is_closed_at_once() -> None:
