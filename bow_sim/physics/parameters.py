@@ -327,32 +327,28 @@ def coerce(name: str, value: object, path: str = "") -> Any:
         If the value has the wrong type, is NaN, out of range, or none of the choices.
     """
     meta = FIELDS[name].metadata
-    where = f"{path}{name} = {value!r}"
+    kind = TYPES[name]
     if "choices" in meta:
-        if not isinstance(value, str) or value not in meta["choices"]:
-            raise ParameterError(f"{where}: must be one of {', '.join(meta['choices'])}")
-        return value
-    if TYPES[name] is str:
-        if not isinstance(value, str):
-            raise ParameterError(f"{where}: must be text ({meta['doc']})")
-        if value.startswith("@"):
-            raise ParameterError(
-                f"{where}: must be the text itself; only the command line reads files "
+        if isinstance(value, str) and value in meta["choices"]:
+            return value
+        right = f"must be one of {', '.join(meta['choices'])}"
+    elif kind is str:
+        if isinstance(value, str) and not value.startswith("@"):
+            return value
+        right = f"must be text ({meta['doc']})"
+        if isinstance(value, str):
+            right = (
+                "must be the text itself; only the command line reads files "
                 "(bow_sim.physics.reflection_text.embed_files)"
             )
-        return value
-    limits: Range = meta["range"]
-    right = f"must be {article(TYPES[name])} {limits} ({meta['doc']}" + (
-        f", in {meta['unit']})" if meta["unit"] else ")"
-    )
-    number = as_number(value)
-    if number is None or not limits.holds(number):
-        raise ParameterError(f"{where}: {right}")
-    if TYPES[name] is int:
-        if number != int(number):
-            raise ParameterError(f"{where}: {right}")
-        return int(number)
-    return float(number)
+    else:
+        limits: Range = meta["range"]
+        number = as_number(value)
+        if number is not None and limits.holds(number) and (kind is float or number == int(number)):
+            return kind(number)
+        unit = f", in {meta['unit']}" if meta["unit"] else ""
+        right = f"must be {article(kind)} {limits} ({meta['doc']}{unit})"
+    raise ParameterError(f"{path}{name} = {value!r}: {right}")
 
 
 @functools.lru_cache(maxsize=64)
