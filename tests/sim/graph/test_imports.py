@@ -63,6 +63,8 @@ def test_the_dashboard_draws_without_pandas() -> None:
         "import sys; from bow_sweep.view import node;"
         "node.run_node = lambda *_, **__: 0; node.main();"
         "import rerun; rerun.AnyValues(cell=['a', 'b']); import bow_sweep.view.live_run;"
+        "import numpy; from bow_sweep.view.map_layers import tensor; bars = tensor(numpy.arange(5));"
+        "rerun.BarChart(bars, abscissa=bars, widths=numpy.ones(5)); assert 'pyarrow.compute' not in sys.modules;"
         "assert 'pyarrow' in sys.modules; assert 'pandas' not in sys.modules; import pandas"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from example_maps import RUN, SLIP, basin_map, inspection, map_file, outline, plan, settings
 from read_rrd import colours, entities, named, names_of, pending, rows, verify
 
@@ -19,6 +20,7 @@ from bow_sim.protocol.verdict_fields import PENDING
 from bow_sweep.figures.colours import GREY, REGIME_COLOURS, transient_colours
 from bow_sweep.maps.plane import Snapshot, regime_label
 from bow_sweep.view.codes import FOREIGN_LABEL
+from bow_sweep.view.map_layers import tensor
 from bow_sweep.view.rerun_recording import RunRecording
 
 
@@ -155,6 +157,15 @@ def test_every_test_is_on_a_timeline_of_its_own(path):
     bars = rows(path, "lengths", "BarChart:values")
     assert {when["test"] for when, _ in bars} == {0, *range(5, 105, 5)}
     assert rows(path, "map/cells", "cell")[-1][1][0] == "f_asym 0.5 2 Z_0 v_b, f_init/f_asym 0; confidence 0.88"
+
+
+def test_bars_have_the_tensor_that_rerun_itself_makes():
+    for values in (np.arange(5, 105, 5), np.array([7])):
+        made = tensor(values)
+        made.validate(full=True)
+        expected = rr.components.TensorDataBatch(values).as_arrow_array()
+        assert made.type == expected.type
+        assert made.equals(expected)
 
 
 def test_waveforms_of_inspected_cells_are_there_sample_for_sample(path):
