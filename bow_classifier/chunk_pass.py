@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bow_classifier.features.corners import corner_workspace, count_corners
 from bow_classifier.features.first_slips import Releases, transient_after
 from bow_classifier.features.long_periods import long_workspace, search_row
-from bow_classifier.features.next_rows import NextRows, fetch_before, fetch_intervals, fetch_row, fetch_samples
+from bow_classifier.features.next_rows import NextRows, fetch_before, fetch_intervals, fetch_samples, fetch_third
 from bow_classifier.features.periodicity import EightMaxima, correlate_eight, periodicity_workspace
 from bow_classifier.features.ripples import ripple_share, ripple_workspace
 from bow_classifier.features.slips import Intervals, SlipState, are_in_order, count_slips, first_discontinuity
@@ -28,6 +28,10 @@ from bow_sim.simd.lanes import LANES
 
 FEW = 8
 """In five nominal periods, fewer events than this may be one in each actual period, which may be a little longer."""
+
+ONCE: dict[str, Any] = {**LEAN, "forceinline": True}
+"""For small functions, and those called in one place: they take a hundred arrays. LLVM inlines them or not depending on
+how much code there is; a call for every cell copies seven words of each array, and takes a twentieth of the time."""
 
 DISORDER = -2
 """What the pass returns for slip intervals that cannot be."""
@@ -159,14 +163,14 @@ def _copy(x, out):
         out[t] = x[t]
 
 
-@part(**LEAN)
+@part(**ONCE)
 def _take_before(i, before, row, first, start):
     """Write the samples before the chunk of cell i to row, where it begins at `start`, from place `first` on."""
     past = before[i]
     _copy(past[past.shape[0] - start + first :], row[first:start])
 
 
-@part(**LEAN)
+@part(**ONCE)
 def _needs_ripple(i, features, limits):
     """Return whether a rule compares the ripples of cell i: not Helmholtz, but one slip or flyback cluster a period."""
     if not (features.correlation[i] > limits.correlation and features.period[i] < LONG * limits.period):
@@ -176,7 +180,7 @@ def _needs_ripple(i, features, limits):
     return one or (corners > 2 * limits.periods and features.corner_clusters[i] < FEW)
 
 
-@part(**LEAN)
+@part(**ONCE)
 def _measure_cell(i, before, row, near, setup, features, workspace):
     """Write corners, long period and ripples of cell i to the features, which have the first two tests already.
 
@@ -200,7 +204,7 @@ def _measure_cell(i, before, row, near, setup, features, workspace):
     )
 
 
-@part(**LEAN)
+@part(**ONCE)
 def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, workspace, onsets, stops, beat, transient):
     """Write what has a memory longer than the record of cell i: the beat of a wolf, and Guettler's transient.
 
@@ -217,7 +221,7 @@ def _remember(i, chunk, row, start, slips, limits, longest, wolf, releases, work
         transient[i] = transient_after(i, chunk * samples, period, onsets, slips, releases)
 
 
-@part(**LEAN)
+@part(**ONCE)
 def _classify_all(state, chunk, setup, result, workspace):
     """Classify all cells, eight at a time."""
     before, slip_state = state.before, state.slips
@@ -240,7 +244,7 @@ def _classify_all(state, chunk, setup, result, workspace):
         fetch_intervals(intervals, ahead)
         for lane in range(number):
             i = group + lane
-            fetch_row(ahead, lane)
+            fetch_third(ahead, lane, 0)
             features.correlation[i], features.period[i] = maxima.height[lane], maxima.lag[lane]
             features.loudness[i] = maxima.deviation[lane]
             if not features.correlation[i] > limits.correlation:  # long periods may be searched for
@@ -251,10 +255,12 @@ def _classify_all(state, chunk, setup, result, workspace):
                 workspace.slip_tally, workspace.onsets, workspace.stops,
             )  # fmt: skip
             features.slips[i], features.slip_clusters[i], features.sure_slips[i], features.small_slips[i] = slips
+            fetch_third(ahead, lane, 1)
             fetch_before(ahead, lane)
             _take_before(i, before, row, start - near, start)
             _copy(bridge_force[i], row[start:])
             _measure_cell(i, before, row, near, setup, features, workspace)
+            fetch_third(ahead, lane, 2)
             _remember(
                 i, chunk.number, row, start, features.slips[i], limits, lags.longest, state.wolf, state.releases,
                 workspace.wolf, workspace.onsets, workspace.stops, features.beat, features.transient,

@@ -45,21 +45,18 @@ def find_onsets(typingctx: Any, x: Any, i: Any, count: Any, delay: Any, low: Any
             places = (pointer(context, builder, x, x_value, p, of) for p in (start, builder.sub(start, d)))
             return builder.fsub(*(element_aligned(builder.load(place), x) for place in places))
 
-        latest = builder.insert_element(
-            ir.Constant(kind, ir.Undefined), y(builder.sub(first, _I64(1)), kind.element), ir.IntType(32)(size - 1)
-        )
+        latest = builder.bitcast(y(builder.sub(first, _I64(1)), kind.element), whole.element)
+        latest = builder.insert_element(ir.Constant(whole, ir.Undefined), latest, ir.IntType(32)(size - 1))
         slot = cgutils.alloca_once_value(builder, latest)
         builder.store(latest, slot)
         with cgutils.for_range_slice(builder, _I64(0), n, _I64(size)) as (t, _):
             start = builder.add(first, t)
             now = y(start, kind)
-            if size == MANY:
-                before = builder.shuffle_vector(builder.load(slot), now, one_on)
-                builder.store(now, slot)
-            else:  # two loads: AVX2 would need three shuffles
-                before = y(builder.sub(start, _I64(1)), kind)
-            sign = builder.and_(builder.bitcast(now, whole), ir.Constant(whole, [-(2**31)] * size))
-            flipped = builder.bitcast(builder.xor(builder.bitcast(before, whole), sign), kind)
+            number = builder.bitcast(now, whole)
+            before = builder.shuffle_vector(builder.load(slot), number, one_on)
+            builder.store(number, slot)
+            sign = builder.and_(number, ir.Constant(whole, [-(2**31)] * size))
+            flipped = builder.bitcast(builder.xor(before, sign), kind)
             above = builder.fcmp_ordered(">", builder.call(fabs, [now]), low_value)
             found = builder.and_(above, builder.fcmp_ordered("<=", flipped, high_value))
             bits = ir.IntType(size)
