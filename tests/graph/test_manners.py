@@ -16,7 +16,7 @@ from bow_msgs.srv import InspectCell
 from desk import Desk, desk
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped
-from graph import verified
+from graph import computed_by, verified
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from read_rrd import rows
 from sensor_msgs.msg import PointCloud2
@@ -45,10 +45,12 @@ def kind_of(text: str) -> str:
     return found["percent"] or found["what"][:6] if found else f"not expected: {text}"
 
 
-@pytest.mark.parametrize("role", ["coordinator", "recorder", "classifier", "simulator_1", "dashboard"])
+@pytest.mark.parametrize("role", ["coordinator", "recorder", "classifier", "simulator", "dashboard"])
 def test_a_node_says_little_in_a_healthy_sweep_and_each_line_once(undisturbed: Path, role: str) -> None:
     """Ready, for whom it waits, the run opens, tenths of it, it closes; nothing else, nothing again."""
-    lines = (undisturbed / "log" / f"{role}.log").read_text().splitlines()
+    [(busiest, _)] = computed_by(undisturbed).most_common(1)  # another simulator may have come when all was done
+    name = busiest.rpartition("/")[2] if role == "simulator" else role
+    lines = (undisturbed / "log" / f"{name}.log").read_text().splitlines()
     said = [found for line in lines if (found := LINE.fullmatch(line))]
     kinds = Counter(kind_of(line["text"]) for line in said if line["level"] == "INFO")  # a busy machine makes warnings
     waits = kinds.pop("waiting", 0) + kinds.pop("waits", 0)
