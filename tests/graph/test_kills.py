@@ -42,7 +42,7 @@ def test_a_killed_process_leaves_no_shared_memory_and_others_keep_theirs(tmp_pat
         with halted(run, *SMALL) as sweep:
             sweep.wait_until(lambda: sweep.done_blocks() >= 2)
             (first, *_) = sweep.children("simulator")  # it may start still, while another one works
-            sweep.wait_until(lambda: kinds_of(files_of(first.pid)) >= {"fastrtps", "fast"})  # its segments, what it lends
+            sweep.wait_until(lambda: kinds_of(files_of(first.pid)) >= {"fastrtps", "fast"})  # segments, lent
             files = files_of(first.pid)
             first.kill()
             sweep.go_on()
