@@ -6,7 +6,9 @@ the process of the classifier node.
 
 from __future__ import annotations
 
+import math
 import time
+from collections import Counter
 from importlib import import_module
 from typing import Any
 
@@ -21,6 +23,8 @@ from bow_classifier.measured.session import Session
 from bow_classifier.measured.tuning import Given
 from bow_sim.graph.node_base import LATCHED, LOG_AGAIN_S, STREAM, STREAM_WRITER, BowNode, RCLError
 from bow_sim.protocol import cdr
+from bow_sim.protocol.neighbours import UNCONFIRMED_S
+from bow_sim.simulator_session import FAILURES
 
 TICK_S = 0.02
 """Between two looks at what can go on."""
@@ -33,6 +37,13 @@ DEPTH = 1000
 
 STOP_S = 5.0
 """How long a node that is told to stop waits until its run is closed."""
+
+TOPICS = {
+    "plan": (Plan, LATCHED),
+    "bridge_force": (BridgeForce, STREAM_WRITER),
+    "stick_slip": (StickSlip, STREAM_WRITER),
+}
+"""Topic -> type and quality of service, of what this node publishes."""
 
 READERS = (("bridge_force", "classifier"), ("stick_slip", "classifier"))
 RECORDED = (("bridge_force", "recorder"), ("stick_slip", "recorder"))
@@ -64,11 +75,9 @@ class MeasuredNode(BowNode):
         self._session = Session(self._source, given, self.incarnation, level, pause)
         self._subscription: Subscription | None = None
         self._looked_at = float("-inf")
-        self._topics = {
-            "plan": self.create_publisher(Plan, "plan", LATCHED),
-            "bridge_force": self.create_publisher(BridgeForce, "bridge_force", STREAM_WRITER),
-            "stick_slip": self.create_publisher(StickSlip, "stick_slip", STREAM_WRITER),
-        }
+        self._topics = {topic: self.create_publisher(kind, topic, qos) for topic, (kind, qos) in TOPICS.items()}
+        self._failures: Counter[str] = Counter()  # of each topic in a row
+        self._made_at: dict[str, float] = {}  # when its publisher was created again
         self.create_subscription(Verdicts, "verdicts", self._on_verdicts, STREAM, raw=True)
         self.create_subscription(Receipt, "receipts", self._on_receipt, STREAM, raw=True)
         self._said_hello = float("-inf")
@@ -180,8 +189,17 @@ class MeasuredNode(BowNode):
     def _publish(self, topic: str, data: bytes) -> None:
         try:
             self._topics[topic].publish(data)
+            self._failures[topic] = 0
         except RCLError as error:  # a reader hangs; chunks without an answer are sent again
             self.get_logger().warning(f"{topic}: not published: {error}", throttle_duration_sec=LOG_AGAIN_S)
+            self._failures[topic] += 1
+            now = self.awake.now()
+            if self._failures[topic] >= FAILURES and now - self._made_at.get(topic, -math.inf) > UNCONFIRMED_S:
+                self._failures[topic], self._made_at[topic] = 0, now
+                self.destroy_publisher(self._topics[topic])
+                kind, qos = TOPICS[topic]
+                self._topics[topic] = self.create_publisher(kind, topic, qos)
+                self.get_logger().warning(f"{topic}: its publisher is created again")
 
     def close(self) -> None:
         """End the run in progress: what is judged is to be recorded."""

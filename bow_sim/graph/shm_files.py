@@ -15,6 +15,8 @@ import contextlib
 import fcntl
 import os
 import re
+import stat
+import time
 from collections.abc import Container, Iterable
 from pathlib import Path
 
@@ -24,6 +26,14 @@ _LOCK = re.compile(rf"{SHARED_MEMORY}/fastrtps_(?:[0-9a-f]{{16}}|(port[0-9]+))_e
 _LENT = re.compile(
     rf"{SHARED_MEMORY}/fast_datasharing_(?:[0-9a-f]{{2}}\.){{4}}([0-9a-f]{{2}})\.([0-9a-f]{{2}})\.[0-9a-f._]+"
 )
+
+PORT = re.compile("fastrtps_port[0-9]+")
+
+MADE_S = 1.0
+"""A process has given the file of a port its size by then; otherwise it was killed before."""
+
+_CORRUPTED = (3).to_bytes(4, "little")
+"""At the beginning of a port, Boost's word for one that is of no use."""
 
 OWNERS = 1 << 16
 """A GUID encodes the process number modulo this."""
@@ -124,6 +134,23 @@ def remove(files: Iterable[str], *, ports: bool = False) -> set[str]:
     Ports are removed only if `ports` is set, when no other process of ours can start and use them again.
     """
     return {file for file in files if not _is_removed(file, ports)}
+
+
+def free_unfinished(port: Path) -> None:
+    """Remove the file of a port that a process was killed in making: it has no size, and who opens it waits for that.
+
+    Fast DDS does so for ever. Who waits already reads that the port is of no use, and takes another one.
+    """
+    with contextlib.suppress(OSError):
+        descriptor = os.open(port, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        try:
+            about = os.fstat(descriptor)
+            old = time.time() - about.st_mtime > MADE_S
+            if old and about.st_size == 0 and about.st_uid == os.getuid() and stat.S_ISREG(about.st_mode):
+                os.write(descriptor, _CORRUPTED)
+                os.unlink(port)
+        finally:
+            os.close(descriptor)
 
 
 def _is_removed(file: str, ports: bool) -> bool:

@@ -87,6 +87,7 @@ class MeasuredView:
         self._plan, self._names = plan, REGIMES
         self._string = self._outline.parameters
         self._tests = 0
+        self._drawn: set[tuple[str, int]] = set()  # what, and of which chunk: unanswered chunks are sent again
         self._regime = -1
         self._closed_for = 0
         self._record = bounded.opened(rr.RecordingStream(APPLICATION, recording_id=self.run_id))
@@ -178,7 +179,7 @@ class MeasuredView:
 
     def verdicts(self, values: Mapping[str, Any]) -> None:
         """Draw decoded verdicts."""
-        if not self._is_mine(values):
+        if not self._is_new("verdicts", values):
             return
         self._tests += 1
         self._now((values["chunk"] + 1) * CHUNK_PERIODS / self._frequency)
@@ -195,7 +196,7 @@ class MeasuredView:
 
     def force(self, values: Mapping[str, Any]) -> None:
         """Draw a decoded BridgeForce."""
-        if not self._is_mine(values):
+        if not self._is_new("force", values):
             return
         at = (values["first_sample"] + np.arange(values["samples"])) / self._string.sample_rate
         self._record.send_columns(
@@ -204,8 +205,13 @@ class MeasuredView:
             columns=rr.Scalars.columns(scalars=np.array(values["data"], float)),
         )
 
-    def _is_mine(self, values: Mapping[str, Any]) -> bool:
-        return len(values["cells"]) > 0 and values["run_id"] == self.run_id
+    def _is_new(self, what: str, values: Mapping[str, Any]) -> bool:
+        """Return whether a message is of this run, and none like it was drawn before."""
+        of = (what, values["chunk"])
+        if not len(values["cells"]) or values["run_id"] != self.run_id or of in self._drawn:
+            return False
+        self._drawn.add(of)
+        return True
 
     def _now(self, seconds: float) -> None:
         self._record.reset_time()

@@ -159,7 +159,7 @@ class DashboardNode(BowNode):
                 inspected = spread_over(SweepOutline.of(plan)) if self._inspected == [SPREAD] else self._inspected
                 self._live = LiveRun(directory, plan, inspected, self._uri, self.get_logger().warning)
         except Exception as error:  # rerun may raise any exception; the sweep continues without its picture
-            self._fail(f"{directory / FILE}: {error}", run)
+            self._fail(f"{directory / FILE}: {error}", run, plan["epoch"])
             return
         self._become_busy()
         self._tell_of_recorder()
@@ -216,14 +216,14 @@ class DashboardNode(BowNode):
         try:
             live.finish(self._nodes.values())
         except Exception as error:  # as in _open
-            self._fail(f"{live.recording.path}: {error}", live.run_id)
+            self._fail(f"{live.recording.path}: {error}", live.run_id, live.epoch)
             return
         self._over = (live.run_id, live.epoch)
         self.health.ignored += live.ignored
         self.set_state(Health.CLOSED, f"{live.recording.path} is finished: {why}", live.run_id)
 
-    def _fail(self, what: str, run: str) -> None:
-        self._live = None
+    def _fail(self, what: str, run: str, epoch: int) -> None:
+        self._live, self._over = None, (run, epoch)  # another plan would begin again, fail again and be told again
         self.get_logger().error(f"nothing more is shown: {what}")
         self.set_state(Health.FAILED, what, run)
 
@@ -275,7 +275,7 @@ class DashboardNode(BowNode):
         try:
             return do(live)
         except Exception as error:  # as in _open
-            self._fail(f"{live.recording.path}: {error}", live.run_id)
+            self._fail(f"{live.recording.path}: {error}", live.run_id, live.epoch)
             return None
 
     def close(self) -> None:

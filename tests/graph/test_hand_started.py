@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -17,6 +18,9 @@ from bow_sim.graph.discovery import SHARED_MEMORY
 from bow_sim.graph.shm_files import files_of, is_lock, is_port, noted
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
+
+FIRST_PORT, PORTS = 7411, 250
+"""The first port of a node in domain 0, and how many a domain has (DDSI-RTPS, section 9.6)."""
 
 LENT_BYTES = 16 << 20
 """A simulator's messages take more."""
@@ -68,6 +72,14 @@ def test_what_a_killed_node_had_goes_when_the_next_one_starts(simulators: list[B
     assert [file for file in (*had, killed.note) if file.exists()] == []
     assert all(file.exists() for file in (*has, living.note))
     assert sum(map(size, has)) > LENT_BYTES
+
+
+def test_a_port_that_was_left_half_made_holds_nobody_up(simulators: list[ByHand], ros_domain: int) -> None:
+    port = SHARED_MEMORY / f"fastrtps_port{FIRST_PORT + PORTS * ros_domain}"
+    port.touch()
+    os.utime(port, (0, 0))
+    simulators.append(ByHand("first"))
+    assert port.stat().st_size > 0
 
 
 def test_a_sweep_removes_it_too(simulators: list[ByHand], tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import signal
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from graph import SMALL, TINY, Sweep, bow, sweeping, verified
+from graph import SMALL, TINY, Sweep, bow, halted, sweeping, verified
 
 from bow_sweep.view.viewer import PROGRAM, _program
 
@@ -117,7 +118,8 @@ def test_a_dashboard_that_is_killed_again_and_again_is_left_out(tmp_path: Path) 
     def kill_it(sweep: Sweep) -> None:
         while sweep.process.poll() is None:
             for child in sweep.children("dashboard"):
-                child.kill()
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    child.kill()
             time.sleep(0.1)
 
     with sweeping(run, *SMALL, "--periods", "2000", "--out", str(run)) as sweep:
@@ -134,10 +136,11 @@ def test_a_dashboard_that_is_killed_again_and_again_is_left_out(tmp_path: Path) 
 @pytest.mark.full
 def test_a_dashboard_whose_disk_is_full_is_named_once_and_does_not_delay_the_end(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--out", str(run)) as sweep:
-        sweep.wait_until(lambda: bool(sweep.children("dashboard")))
+    with halted(run, *SMALL) as sweep:
+        sweep.wait_until((run / "dashboard.rrd").exists)  # so it is connected: files in shared memory have a limit too
         (dashboard,) = sweep.children("dashboard")
         dashboard.rlimit(psutil.RLIMIT_FSIZE, (20_000, 20_000))
+        sweep.go_on()
         sweep.wait_until((run / "report.json").exists)
         began = time.monotonic()
         assert sweep.wait() == 0, sweep.text
@@ -151,10 +154,11 @@ def test_a_dashboard_whose_disk_is_full_is_named_once_and_does_not_delay_the_end
 @pytest.mark.full
 def test_a_dashboard_that_hangs_delays_the_end_by_a_limit_that_is_printed(tmp_path: Path) -> None:
     run = tmp_path / "run"
-    with sweeping(run, *SMALL, "--periods", "2000", "--out", str(run)) as sweep:
+    with halted(run, *SMALL) as sweep:
         sweep.wait_until((run / "dashboard.rrd").exists)
         (dashboard,) = sweep.children("dashboard")
         dashboard.send_signal(signal.SIGSTOP)
+        sweep.go_on()
         sweep.wait_until((run / "map.npz").exists)
         began = time.monotonic()
         assert sweep.wait() == 0, sweep.text

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from bow_msgs.srv import InspectCell
 from desk import Desk, desk
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped
-from graph import verified
+from graph import computed_by, verified
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from read_rrd import rows
 from sensor_msgs.msg import PointCloud2
@@ -45,10 +46,12 @@ def kind_of(text: str) -> str:
     return found["percent"] or found["what"][:6] if found else f"not expected: {text}"
 
 
-@pytest.mark.parametrize("role", ["coordinator", "recorder", "classifier", "simulator_1", "dashboard"])
+@pytest.mark.parametrize("role", ["coordinator", "recorder", "classifier", "simulator", "dashboard"])
 def test_a_node_says_little_in_a_healthy_sweep_and_each_line_once(undisturbed: Path, role: str) -> None:
     """Ready, for whom it waits, the run opens, tenths of it, it closes; nothing else, nothing again."""
-    lines = (undisturbed / "log" / f"{role}.log").read_text().splitlines()
+    [(busiest, _)] = computed_by(undisturbed).most_common(1)  # another simulator may have come when all was done
+    name = busiest.rpartition("/")[2] if role == "simulator" else role
+    lines = (undisturbed / "log" / f"{name}.log").read_text().splitlines()
     said = [found for line in lines if (found := LINE.fullmatch(line))]
     kinds = Counter(kind_of(line["text"]) for line in said if line["level"] == "INFO")  # a busy machine makes warnings
     waits = kinds.pop("waiting", 0) + kinds.pop("waits", 0)
@@ -137,7 +140,7 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
     assert by_values.cell == nearest(sweep, 3.1, 0.67)
     assert f"cell {by_values.cell}: f_asym = {by_values.x:.4g}" in by_values.message
     assert by_values.run_id == next(m.run_id for m in here.health.values() if m.role == "coordinator")
-    seen.until_whole(by_values.cell, sweep)
+    seen.until_whole(by_values.cell, sweep, lambda: ask(here, inspector, cell=by_values.cell))
 
     dashboard = here.start("dashboard")  # later than the first choice
     here.until(lambda: state_of(here, dashboard.pid) == Health.BUSY, "the dashboard shows the run")
@@ -159,9 +162,9 @@ def test_a_client_gets_the_reason_of_a_refusal_and_a_chosen_cell_has_the_bits_of
     assert (clouds[-1].height, clouds[-1].width, clouds[-1].header.frame_id) == (8, 16, "basin_map")
     recorded = in_the_bag(Path(result.directory) / "bag", set(seen.force))
     assert set(recorded) >= {by_values.cell, 37}
-    for cell, chunks in recorded.items():
+    for cell, chunks in seen.force.items():  # the simulator publishes one too, of which a viewer may miss some
         for chunk, force in chunks.items():
-            assert seen.force[cell][chunk].tobytes() == force.tobytes(), (cell, chunk)
+            assert recorded[cell][chunk].tobytes() == force.tobytes(), (cell, chunk)
 
     here.until(lambda: state_of(here, dashboard.pid) == Health.CLOSED, "the dashboard has drawn it")
     for cell, chunks in recorded.items():
@@ -221,8 +224,19 @@ class Seen:
         values = cdr.unseal("InspectedCell", data)
         self.force.setdefault(values["cell"], {})[values["chunk"]] = np.array(values["bridge_force"])
 
-    def until_whole(self, cell: int, sweep: Sweep) -> None:
-        self.here.until(lambda: len(self.force.get(cell, ())) == sweep.chunks, f"cell {cell} arrives whole")
+    def until_whole(self, cell: int, sweep: Sweep, choose: Callable[[], object] = lambda: None) -> None:
+        """Wait for all of a chosen cell; choose it again, as the publisher may know of a new viewer too late."""
+        chosen = time.monotonic()
+
+        def is_whole() -> bool:
+            nonlocal chosen
+            there = len(self.force.get(cell, ())) == sweep.chunks
+            if not there and time.monotonic() > chosen + 5:
+                choose()
+                chosen = time.monotonic()
+            return there
+
+        self.here.until(is_whole, f"cell {cell} arrives whole")
 
 
 def in_the_bag(bag: Path, cells: set[int]) -> dict[int, dict[int, np.ndarray]]:

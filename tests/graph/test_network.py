@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from graph import (
     Sweep,
     assert_same_map,
     bow,
+    computed_by,
     entries_of,
     run_sweep,
     stations_of,
@@ -45,13 +45,6 @@ LOOK = "import sys, rclpy; from bow_sim.graph import discovery; discovery.apply_
     "print(*[f'{space}/{name}' for name, space in node.get_node_names_and_namespaces()])"
 )
 """Prints the nodes that are discovered within some seconds, and until those awaited are, a minute longer at most."""
-
-
-def computed_by(run: Path) -> Counter[str]:
-    """Return how many blocks each simulator has done, by the ledger."""
-    entries = entries_of(run)
-    hands = {(e["block"], e["attempt"]): e["simulator"] for e in entries if e["event"] == "dispatched"}
-    return Counter(hands[e["block"], e["attempt"]] for e in entries if e["event"] == "done")
 
 
 def hold_until(sweep: Sweep, there_are_others: Callable[[], bool]) -> None:

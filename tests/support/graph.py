@@ -139,6 +139,13 @@ def stations_of(run: Path) -> Counter[str]:
     return Counter(e.get("station", "") for e in entries_of(run) if e["event"] == "done")
 
 
+def computed_by(run: Path) -> Counter[str]:
+    """Return how many blocks each simulator has done, by the ledger."""
+    entries = entries_of(run)
+    hands = {(e["block"], e["attempt"]): e["simulator"] for e in entries if e["event"] == "dispatched"}
+    return Counter(hands[e["block"], e["attempt"]] for e in entries if e["event"] == "done")
+
+
 def entries_of(run: Path) -> list[dict[str, Any]]:
     """Return the entries of a ledger; its last line may be half written."""
     entries, ledger = [], run / "ledger.jsonl"

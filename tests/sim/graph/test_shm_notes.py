@@ -143,3 +143,18 @@ def test_a_process_with_a_supervisor_writes_none(tmp_path: Path, monkeypatch: py
     mine.update()
     assert list(tmp_path.iterdir()) == []
     mine.close()
+
+
+def test_a_port_that_nobody_finishes_keeps_nobody_waiting(tmp_path: Path) -> None:
+    """Fast DDS waits for the size of the file; Boost's first word says then that the port is of no use."""
+    names = ("fastrtps_port7001", "fastrtps_port7002", "fastrtps_port7003", "fastrtps_port7003_el")
+    dead, young, whole, lock = (tmp_path / name for name in names)
+    for file in (dead, young, whole, lock):
+        file.touch()
+    whole.write_bytes(b"2")
+    for file in (dead, whole, lock):
+        os.utime(file, (0, 0))
+    with open(dead, "rb") as waits:
+        shm_notes.remove_leftovers(tmp_path)
+        assert waits.read() == (3).to_bytes(4, "little")
+    assert [file.exists() for file in (dead, young, whole, lock)] == [False, True, True, True]

@@ -227,7 +227,10 @@ def test_a_directory_that_cannot_be_made_fails_the_picture_and_not_the_process(g
     graph.plan()
     graph.until_state(Health.FAILED)
     assert "file/below" in graph.heard[-1].detail
+    graph.plan()
+    graph.until(lambda: graph.heard[-1].messages >= 2, "the next plan to be taken")
     assert graph.stop() == 0
+    assert graph.output().count("nothing more is shown") == 1
 
 
 @pytest.mark.parametrize(
