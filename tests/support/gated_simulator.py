@@ -29,12 +29,15 @@ def gated_simulator() -> object:
     from bow_sim.node import SimulatorNode
     from bow_sim.protocol import cdr
     from bow_sim.protocol.messages import STREAMS
+    from bow_sim.protocol.neighbours import HELLO_S
     from bow_sim.simulator_events import PlanReceived
     from bow_sim.simulator_session import NO_RUN
 
     sent: dict[object, int] = {}  # of each run, in the order in which they began
 
     class GatedSimulator(SimulatorNode):
+        _hello_at = 0.0
+
         def _on_plan(self, event: PlanReceived) -> None:
             super()._on_plan(event)
             if self._session.run != NO_RUN:
@@ -47,8 +50,17 @@ def gated_simulator() -> object:
                 number = list(sent).index(run)
                 while sent[run] >= allowed(number) and self._session.run == run and not self._leaving.is_set():
                     time.sleep(LOOK_S)
+                    self._stay_heard()
                 sent[run] += 1
             return super()._publish(messages)
+
+        def _stay_heard(self) -> None:
+            """Hear and be heard as any simulator that waits: who waits for long is taken for lost otherwise."""
+            self._take_receipts()
+            if time.monotonic() - self._hello_at > HELLO_S:
+                self._hello_at = time.monotonic()
+                hello = self._session._hello.items()
+                super()._publish({topic: data for topic, data in hello if topic in self._publisher_of})
 
     return GatedSimulator(Judges().of_block)
 
