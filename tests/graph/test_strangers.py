@@ -29,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undisturbed: Path, tmp_path: Path) -> None:
     with desk(tmp_path) as here:
         here.start_all()
+        here.gate.write_text("200")  # two and a half blocks
         goal = here.send("periods=400")
         here.until(lambda: any(m.held_blocks for m in here.health.values()), "the simulator is at work")
         second = {
@@ -41,6 +42,7 @@ def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undis
         assert {label: process.returncode for label, process in second.items()} == dict.fromkeys(second, 1)
         for label in ("coordinator+", "another_recorder", "classifier+", "sim+"):
             assert "is there already (process " in here.text(label)
+        here.gate.unlink()
         result = here.wait(goal.get_result_async()).result
         assert result.cells_done == result.cells_planned == 128
         verified(Path(result.directory))
@@ -61,7 +63,8 @@ def play(here: Desk, bag: Path, speed: float) -> int:
             durability=DurabilityPolicy[topic.qos.durability.upper()],
         )
         publishers[name] = here.node.create_publisher(_class_of(topic), full_names()[name], qos)
-    here.until(lambda: publishers["bridge_force"].get_subscription_count() > 0, "the player is matched")
+    judged = [publishers[name] for name in ("health", "plan", "bridge_force", "stick_slip")]
+    here.until(lambda: all(each.get_subscription_count() for each in judged), "the player is matched")
     first, began, count = 0, time.monotonic(), 0
     for message in messages(bag):
         first = first or message.log_time
@@ -124,10 +127,12 @@ def test_a_bag_that_is_played_into_a_live_namespace_changes_nothing_and_is_count
         assert content(finished) == before
         assert {path.name for path in finished.parent.iterdir()} == others
 
+        here.gate.write_text("200")
         goal = here.send("periods=400", "v_mid=0.3")
         here.until(lambda: any(m.held_blocks for m in here.health.values()), "the sweep is in progress")
         counted = ignored(here, "recorder"), ignored(here, "classifier")
         play(here, finished / "bag", speed=1.0)
+        here.gate.unlink()
         result = here.wait(goal.get_result_async()).result
         assert result.cells_done == result.cells_planned == 128, result.message
         here.until(lambda: ignored(here, "recorder") > counted[0], "the recorder has counted")
