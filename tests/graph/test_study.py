@@ -69,7 +69,7 @@ def done_blocks(run: Path) -> int:
 def test_a_study_that_was_killed_in_the_middle_is_gone_on_with_and_has_the_maps_of_sweeps_alone(tmp_path: Path) -> None:
     study = tmp_path / "study"
     over = "mu_s=" + ",".join(map(str, VALUES))
-    grid = ["--nx", "16", "--ny", "8", "--periods", "40", "--set", "block_cells=8"]
+    grid = ["--nx", "16", "--ny", "8", "--periods", "40", "--set", "block_cells=8", "--simulators", "2"]
     asked = ["study", "fig11d", "--over", over, *grid, "--out", str(study)]
     command = held_in_its_second_map(tmp_path / "first.out", *asked, chunks=50)
     try:
