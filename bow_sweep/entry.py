@@ -28,7 +28,10 @@ _INTERRUPTED_TEXT = b"bow: interrupted\n"
 
 
 def command() -> int:
-    """Run the command `bow`; return its exit status. A node that is interrupted while it starts ends with `DONE`."""
+    """Run the command `bow`; return its exit status, after which signals are ignored: the process has to end then.
+
+    A node that is interrupted while it starts ends with `DONE`.
+    """
     ended: list[int] = []
     atexit.register(_exit_at_once, ended)  # what libraries register later is called before
     is_node = sys.argv[1:2] and sys.argv[1] in MODULES
@@ -49,12 +52,16 @@ def command() -> int:
         if not is_node:  # a node installs its own handlers
             for number, handler in before.items():
                 signal.signal(number, handler)
-        result: int = main()
+        ended.append(main())
+        text = b""
     except KeyboardInterrupt:
-        os.write(2, _INTERRUPTED_TEXT)
-        return INTERRUPTED
-    ended.append(result)
-    return result
+        ended.append(INTERRUPTED)
+        text = _INTERRUPTED_TEXT
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)  # one more Ctrl-C would show as a traceback of Python's own end
+    if text:
+        os.write(2, text)
+    return ended[-1]
 
 
 def _exit_at_once(ended: Sequence[int]) -> None:
@@ -69,7 +76,7 @@ def _exit_at_once(ended: Sequence[int]) -> None:
         sys.stderr.flush()
     except (OSError, ValueError):
         return  # Python reports it
-    os._exit(ended[0])
+    os._exit(ended[-1])
 
 
 def _node(role: str) -> int:

@@ -1,7 +1,5 @@
 """`bow sweep --record verdicts` and `last`: processes are killed, and the map is that of a run with all its streams."""
 
-import os
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -92,9 +90,7 @@ def test_a_sweep_of_the_last_chunks_is_gone_on_with_after_all_was_killed(undistu
     run = tmp_path / "run"
     with halted(run, *SMALL, "--record", "last", "--no-dashboard") as sweep:
         sweep.wait_until(lambda: sweep.done_blocks() >= 2)
-        for process in [*sweep.children(), sweep.process]:
-            os.kill(process.pid, signal.SIGKILL)
-        sweep.wait()
+        sweep.stop()  # at once
     with sweeping(run, "--resume", str(run), "--no-dashboard") as sweep:
         assert sweep.wait() == 0, sweep.text
     assert_proved(run, undisturbed, 16)

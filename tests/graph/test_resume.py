@@ -1,9 +1,6 @@
 """`bow sweep --resume` after what befalls the files of a run: power cuts, copies, deleted files."""
 
-import os
 import shutil
-import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,10 +20,7 @@ def cut_off(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         shutil.copytree(run, older)
         sweep.let(130)
         sweep.wait_until(lambda: sweep.done_blocks() >= 6)
-        family = sweep.children()
-        for pid in [sweep.process.pid, *(child.pid for child in family)]:
-            os.kill(pid, signal.SIGKILL)
-    time.sleep(0.5)
+        sweep.stop()  # at once
     return run, older
 
 

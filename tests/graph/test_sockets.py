@@ -8,11 +8,12 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, halted, sweeping, until
+from graph import PATIENCE_S, SMALL, halted, until
 from live_viewer import HeadlessViewer, eventually, headless_stand_in, needs_vulkan, ports_of, run_of
 from sockets import Socket, family, sockets_of, sockets_seen
 
@@ -49,10 +50,13 @@ def free_port() -> int:
 
 def has_node(pid: int) -> bool:
     """Return whether a node is among the processes below one."""
-    for one in family(pid):
-        with contextlib.suppress(psutil.NoSuchProcess):
-            if "--ros-args" in one.cmdline():
-                return True
+    return any(has_word(one, "--ros-args") for one in family(pid))
+
+
+def has_word(process: psutil.Process, word: str) -> bool:
+    """Return whether a word is on the command line of a process; it may have ended."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return word in process.cmdline()
     return False
 
 
@@ -65,11 +69,16 @@ def are_seen(seen: set[Socket], kind: str, words: str) -> bool:
     return any(one.kind == kind and words in one.process for one in set(seen))  # a thread adds to it
 
 
+def nodes_are_seen(seen: set[Socket], roles: Sequence[str]) -> bool:
+    """Return whether sockets of a node of each role were seen."""
+    return all(are_seen(seen, "UDP", f"__node:={role}") for role in roles)
+
+
 def seen_in_a_sweep(run: Path, server: str, *more: str) -> set[Socket]:
     """Return the sockets of a sweep that goes on when its nodes and a server, named by words, were looked at."""
-    nodes = [f"__node:={role}" for role in ROLES if role != "dashboard"]
+    nodes = [role for role in ROLES if role != "dashboard"]
     with halted(run, *SMALL, *more) as sweep, sockets_seen(lambda: sweep.process.pid) as seen:
-        sweep.wait_until(lambda: are_seen(seen, "TCP", server) and all(are_seen(seen, "UDP", node) for node in nodes))
+        sweep.wait_until(lambda: are_seen(seen, "TCP", server) and nodes_are_seen(seen, nodes))
         sweep.go_on()
         assert sweep.wait() == 0, sweep.text
     return seen
@@ -99,18 +108,14 @@ def test_reruns_own_viewer_does_so_and_stays(tmp_path: Path, monkeypatch: pytest
     run = tmp_path / "run"
     viewers: list[psutil.Process] = []
     try:
-        with (
-            sweeping(run, *SMALL, "--view", "--out", str(run)) as sweep,
-            sockets_seen(lambda: sweep.process.pid) as seen,
-        ):
-            sweep.wait_until(lambda: are_seen(seen, "TCP", "--headless"))
-            viewers += [one for one in family(sweep.process.pid) if "--headless" in one.cmdline()]
+        with halted(run, *SMALL, "--view") as sweep, sockets_seen(lambda: sweep.process.pid) as seen:
+            sweep.wait_until(lambda: are_seen(seen, "TCP", "--headless") and nodes_are_seen(seen, ROLES))
+            viewers += [one for one in family(sweep.process.pid) if has_word(one, "--headless")]
+            sweep.go_on()
             assert sweep.wait() == 0, sweep.text
         assert len(viewers) == 1
         assert viewers[0].is_running(), "it stays, with what it has received"
         assert_only_loopback(seen | sockets_of(viewers[0]))
-        for role in ROLES:
-            assert any(f"__node:={role}" in one.process for one in seen), "all were looked at"
         (port,) = ports_of([viewers[0].pid])
         viewer = HeadlessViewer(uri_of(port))
         ids = lambda: [recording.store_id for recording in viewer.client.get_state().recordings]

@@ -12,7 +12,21 @@ from typing import Any
 
 import psutil
 import pytest
-from graph import PATIENCE_S, SMALL, TINY, assert_same_map, bow, gated, nodes_of, run_sweep, sweeping, until, verified
+from graph import (
+    PATIENCE_S,
+    SMALL,
+    TINY,
+    assert_same_map,
+    bow,
+    gated,
+    has_ended,
+    kill_at_once,
+    nodes_of,
+    run_sweep,
+    sweeping,
+    until,
+    verified,
+)
 
 from bow_sim.graph.shm_files import files_of, is_port
 from bow_sweep.standing.client import CANCEL_S
@@ -41,10 +55,7 @@ def up(ros_domain: int, gate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     yield folder
     state = read_state(folder)
     if state is not None:
-        family = nodes_of(state.pid)
-        for process in (psutil.Process(state.pid), *family):
-            process.kill()
-        psutil.wait_procs(family)
+        kill_at_once([psutil.Process(state.pid), *nodes_of(state.pid)])
 
 
 def shared_memory(pid: int) -> set[str]:
@@ -112,13 +123,12 @@ def test_sweeps_leave_what_a_graph_of_their_own_leaves_and_nothing_is_left_of_th
     assert Path(result.directory) == tmp_path / "root" / result.run_id
     verified(Path(result.directory))
 
-    family = nodes_of(state.pid)
+    family = [psutil.Process(state.pid), *nodes_of(state.pid)]
     files = shared_memory(state.pid)
     assert files
     ended = bow("down")
     assert ended.returncode == 0, ended.stderr
-    assert not psutil.pid_exists(state.pid) or psutil.Process(state.pid).status() == psutil.STATUS_ZOMBIE
-    assert not [process for process in family if process.is_running() and process.status() != psutil.STATUS_ZOMBIE]
+    assert all(map(has_ended, family))
     assert not (up / FILE).exists()
     assert not list((up / "places").iterdir())
     assert not [file for file in files if Path(file).exists()]

@@ -1,7 +1,5 @@
 """Twenty kills at random moments over all roles: in the end every cell is there once, as if nothing had happened."""
 
-import contextlib
-import os
 import random
 import signal
 import time
@@ -9,7 +7,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from graph import Sweep, assert_same_map, dead_files, orphans, run_sweep, sweeping, verified
+from graph import Sweep, assert_same_map, dead_files, kill_at_once, orphans, run_sweep, sweeping, verified
 
 pytestmark = [pytest.mark.full, pytest.mark.usefixtures("ros_domain")]
 
@@ -43,9 +41,7 @@ def strike(sweep: Sweep, role: str) -> bool:
     else:
         victims = sweep.children("simulator" if role == "all simulators" else role)
         victims = victims if role == "all simulators" else victims[:1]
-    for victim in victims:
-        with contextlib.suppress(psutil.NoSuchProcess, ProcessLookupError):
-            os.kill(victim.pid, signal.SIGKILL)
+    kill_at_once(victims)  # of everything no process may be left that has started another one meanwhile
     return bool(victims)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bow_sim.graph.node_base import STREAM
 from bow_sim.protocol import cdr
+from bow_sim.protocol.messages import STREAMS
 from bow_sim.protocol.verdict_fields import VERDICT_FIELDS
-from bow_sweep.record.bag import messages
+from bow_sweep.record.bag import BagMessage, messages
 from bow_sweep.record.node import _class_of
 from bow_sweep.record.topics import TOPICS, full_names
 
@@ -29,6 +30,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undisturbed: Path, tmp_path: Path) -> None:
     with desk(tmp_path) as here:
         here.start_all()
+        here.gate.write_text("200")  # two and a half blocks
         goal = here.send("periods=400")
         here.until(lambda: any(m.held_blocks for m in here.health.values()), "the simulator is at work")
         second = {
@@ -41,6 +43,7 @@ def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undis
         assert {label: process.returncode for label, process in second.items()} == dict.fromkeys(second, 1)
         for label in ("coordinator+", "another_recorder", "classifier+", "sim+"):
             assert "is there already (process " in here.text(label)
+        here.gate.unlink()
         result = here.wait(goal.get_result_async()).result
         assert result.cells_done == result.cells_planned == 128
         verified(Path(result.directory))
@@ -51,8 +54,11 @@ def test_the_second_of_a_kind_is_named_and_gives_way_and_the_sweep_goes_on(undis
             assert "Traceback" not in here.text(label)
 
 
-def play(here: Desk, bag: Path, speed: float) -> int:
-    """Publish each message of a bag on its own topic at recorded times, as `ros2 bag play` does; return how many."""
+def play(here: Desk, bag: Path, speed: float, before: Callable[[BagMessage], object] = lambda _: None) -> int:
+    """Publish each message of a bag on its own topic at recorded times, as `ros2 bag play` does; return how many.
+
+    `before` is called with each message before it is published.
+    """
     publishers: dict[str, Any] = {}
     for name, topic in TOPICS.items():
         qos = QoSProfile(
@@ -61,12 +67,14 @@ def play(here: Desk, bag: Path, speed: float) -> int:
             durability=DurabilityPolicy[topic.qos.durability.upper()],
         )
         publishers[name] = here.node.create_publisher(_class_of(topic), full_names()[name], qos)
-    here.until(lambda: publishers["bridge_force"].get_subscription_count() > 0, "the player is matched")
+    judged = [publishers[name] for name in ("health", "plan", "bridge_force", "stick_slip")]
+    here.until(lambda: all(each.get_subscription_count() for each in judged), "the player is matched")
     first, began, count = 0, time.monotonic(), 0
     for message in messages(bag):
         first = first or message.log_time
         while time.monotonic() - began < (message.log_time - first) / 1e9 / speed:
             here.executor.spin_once(timeout_sec=0.01)
+        before(message)
         publishers[message.topic].publish(bytes(message.data))
         count += 1
     here.executor.spin_once(timeout_sec=0.1)
@@ -75,7 +83,8 @@ def play(here: Desk, bag: Path, speed: float) -> int:
 
 @pytest.mark.full
 def test_a_bag_that_is_played_to_a_classifier_alone_is_judged_as_in_its_run(undisturbed: Path, tmp_path: Path) -> None:
-    recorded, again = {}, {}
+    recorded: dict[tuple[int, int], dict[str, Any]] = {}
+    again: dict[tuple[int, int], dict[str, Any]] = {}
     for message in messages(undisturbed / "bag"):
         if message.topic == "verdicts":
             values = cdr.decode("Verdicts", message.data)
@@ -86,11 +95,22 @@ def test_a_bag_that_is_played_to_a_classifier_alone_is_judged_as_in_its_run(undi
         if values["incarnation"] == here.incarnation("classifier") and len(values["cells"]):  # no hello
             again[values["block"], values["chunk"]] = values
 
+    played: dict[str, set[tuple[int, int]]] = {"bridge_force": set(), "stick_slip": set()}
+
+    def wait_for_verdicts(message: BagMessage) -> None:
+        """A plan that says that a block is done comes, as in a run, after the verdicts of the block."""
+        if message.topic == "plan":
+            both = played["bridge_force"] & played["stick_slip"]
+            here.until(lambda: again.keys() >= both, "what was played is judged")
+        elif message.topic in played:
+            values = cdr.decode_head(STREAMS[message.topic], message.data)
+            played[message.topic].add((values["block"], values["chunk"]))
+
     with desk(tmp_path) as here:
         here.node.create_subscription(Verdicts, "/bow/verdicts", take, STREAM, raw=True)
         here.start("classifier")
         here.until(lambda: bool(here.incarnation("classifier")), "the classifier is heard")
-        play(here, undisturbed / "bag", speed=0.5)
+        play(here, undisturbed / "bag", 0.5, wait_for_verdicts)
         here.until(lambda: again.keys() == recorded.keys(), "every chunk is judged")
         assert here.processes["classifier"].poll() is None
     for key, values in recorded.items():
@@ -124,10 +144,12 @@ def test_a_bag_that_is_played_into_a_live_namespace_changes_nothing_and_is_count
         assert content(finished) == before
         assert {path.name for path in finished.parent.iterdir()} == others
 
+        here.gate.write_text("200")
         goal = here.send("periods=400", "v_mid=0.3")
         here.until(lambda: any(m.held_blocks for m in here.health.values()), "the sweep is in progress")
         counted = ignored(here, "recorder"), ignored(here, "classifier")
         play(here, finished / "bag", speed=1.0)
+        here.gate.unlink()
         result = here.wait(goal.get_result_async()).result
         assert result.cells_done == result.cells_planned == 128, result.message
         here.until(lambda: ignored(here, "recorder") > counted[0], "the recorder has counted")

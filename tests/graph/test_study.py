@@ -1,6 +1,5 @@
 """A study of real processes: killed in the middle, gone on with, and the same maps as sweeps alone."""
 
-import contextlib
 import json
 import os
 import signal
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from graph import PATIENCE_S, assert_same_map, bow, verified
+from graph import PATIENCE_S, assert_same_map, bow, gated, kill_at_once, verified
 
 from bow import sweep
 from bow_sweep.study.search import Optimiser, Search
@@ -27,10 +26,10 @@ NAMES = [f"{number}_mu_s={value:g}" for number, value in enumerate(VALUES)]
 class Command:
     """A command of bow as a process, with its output in a file."""
 
-    def __init__(self, output: Path, *words: str) -> None:
+    def __init__(self, output: Path, *words: str, module: str = "bow_sweep") -> None:
         self.output = output
         with open(output, "wb") as file:
-            command = [sys.executable, "-m", "bow_sweep", *words]
+            command = [sys.executable, "-m", module, *words]
             streams = {"stdin": subprocess.DEVNULL, "stdout": file, "stderr": subprocess.STDOUT}
             self.process = subprocess.Popen(command, start_new_session=True, env=os.environ, **streams)
 
@@ -38,7 +37,7 @@ class Command:
         """Wait for something to become true while it runs."""
         deadline = time.monotonic() + PATIENCE_S
         while not what():
-            if self.process.poll() is not None or time.monotonic() > deadline:
+            if (self.process.poll() is not None or time.monotonic() > deadline) and not what():
                 pytest.fail(f"it never came true; the command says:\n{self.output.read_text()}")
             time.sleep(0.02)
 
@@ -49,12 +48,17 @@ class Command:
     def kill_all(self) -> None:
         """SIGKILL to it and all its descendants."""
         if self.process.poll() is None:
-            everything = [psutil.Process(self.process.pid), *psutil.Process(self.process.pid).children(recursive=True)]
-            for do in (psutil.Process.suspend, psutil.Process.kill):  # nobody has time to notice
-                for process in everything:
-                    with contextlib.suppress(psutil.NoSuchProcess):
-                        do(process)
+            first = psutil.Process(self.process.pid)
+            kill_at_once([first, *first.children(recursive=True)])
         self.process.wait(PATIENCE_S)
+
+
+def held_in_its_second_map(output: Path, *words: str, chunks: int) -> Command:
+    """Start a command of which each simulator publishes all of the first map, but only some chunks of the second."""
+    gate = output.with_suffix(".gate")
+    gate.write_text(f"{chunks} 1")
+    with gated(gate):
+        return Command(output, *words, module="gated_simulator")
 
 
 def done_blocks(run: Path) -> int:
@@ -65,8 +69,9 @@ def done_blocks(run: Path) -> int:
 def test_a_study_that_was_killed_in_the_middle_is_gone_on_with_and_has_the_maps_of_sweeps_alone(tmp_path: Path) -> None:
     study = tmp_path / "study"
     over = "mu_s=" + ",".join(map(str, VALUES))
-    grid = ["--nx", "16", "--ny", "8", "--periods", "40", "--set", "block_cells=8"]
-    command = Command(tmp_path / "first.out", "study", "fig11d", "--over", over, *grid, "--out", str(study))
+    grid = ["--nx", "16", "--ny", "8", "--periods", "40", "--set", "block_cells=8", "--simulators", "2"]
+    asked = ["study", "fig11d", "--over", over, *grid, "--out", str(study)]
+    command = held_in_its_second_map(tmp_path / "first.out", *asked, chunks=50)
     try:
         command.wait_until(lambda: done_blocks(study / NAMES[1]) >= 2)
     finally:
@@ -103,7 +108,7 @@ def test_a_study_that_was_killed_in_the_middle_is_gone_on_with_and_has_the_maps_
 def test_a_search_that_was_interrupted_says_how_to_go_on_and_gives_what_it_would_have_given(tmp_path: Path) -> None:
     asked = ["fig11d", "--over", "mu_s=0.8:1.2", "--nx", "8", "--ny", "4", "--periods", "20", "--trials", "4"]
     search = tmp_path / "search"
-    command = Command(tmp_path / "first.out", "optimise", *asked, "--out", str(search))
+    command = held_in_its_second_map(tmp_path / "first.out", "optimise", *asked, "--out", str(search), chunks=1)
     try:
         command.wait_until(lambda: len(list(search.glob("1_*/ledger.jsonl"))) == 1)
         command.process.send_signal(signal.SIGINT)

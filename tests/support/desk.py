@@ -14,7 +14,7 @@ import pytest
 import rclpy
 from bow_msgs.action import RunSweep
 from bow_msgs.msg import Health, SweepSpec
-from graph import PATIENCE_S
+from graph import PATIENCE_S, gated
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -30,6 +30,8 @@ class Desk:
 
     def __init__(self, folder: Path, *arguments: str) -> None:
         self.folder, self.arguments = folder, arguments
+        self.gate = folder / "gate"
+        """Says how many chunks of a run each simulator publishes; without it, all."""
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self.context = Context()
         rclpy.init(context=self.context)
@@ -48,8 +50,9 @@ class Desk:
         label = name or role
         while label in self.processes:
             label += "+"
-        command = [sys.executable, "-m", "bow_sweep", role, "--ros-args", *words, *self.arguments, *arguments]
-        with open(self.folder / f"{label}.log", "wb") as output:
+        program = ["gated_simulator"] if role == "simulator" else ["bow_sweep", role]
+        command = [sys.executable, "-m", *program, "--ros-args", *words, *self.arguments, *arguments]
+        with open(self.folder / f"{label}.log", "wb") as output, gated(self.gate):
             process = subprocess.Popen(command, stdout=output, stderr=output)
         self.processes[label] = process
         return process

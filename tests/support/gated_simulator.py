@@ -3,7 +3,8 @@
 The small sweeps of tests take a fraction of a second. On a busy machine one may be over before the test gets to do what
 the sweep is to survive. ``python -m gated_simulator sweep ...`` is `bow sweep ...` with simulators that compute as all
 do, but publish only as many chunks of a run, each of them, as the file ``GATE`` says; without that file they do not
-wait. So it is with the standing graph of ``python -m gated_simulator up ...``.
+wait. A second number in it is that of the run from which on they wait, 0 for their first. So it is with a station, and
+with the standing graph of ``python -m gated_simulator up ...``, ``study ...`` and ``optimise ...``.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import math
 import os
 import sys
 import time
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -29,26 +29,48 @@ def gated_simulator() -> object:
     from bow_sim.node import SimulatorNode
     from bow_sim.protocol import cdr
     from bow_sim.protocol.messages import STREAMS
+    from bow_sim.protocol.neighbours import HELLO_S
+    from bow_sim.simulator_events import PlanReceived
+    from bow_sim.simulator_session import NO_RUN
 
-    sent: Counter[object] = Counter()
+    sent: dict[object, int] = {}  # of each run, in the order in which they began
 
     class GatedSimulator(SimulatorNode):
+        _hello_at = 0.0
+
+        def _on_plan(self, event: PlanReceived) -> None:
+            super()._on_plan(event)
+            if self._session.run != NO_RUN:
+                sent.setdefault(self._session.run, 0)
+
         def _publish(self, messages: Mapping[str, bytes]) -> bool:
             if not any(cdr.hello_from(STREAMS.get(topic, "Verdicts"), data) for topic, data in messages.items()):
                 run = self._session.run
-                while sent[run] >= allowed() and self._session.run == run and not self._leaving.is_set():
+                sent.setdefault(run, 0)
+                number = list(sent).index(run)
+                while sent[run] >= allowed(number) and self._session.run == run and not self._leaving.is_set():
                     time.sleep(LOOK_S)
+                    self._stay_heard()
                 sent[run] += 1
             return super()._publish(messages)
+
+        def _stay_heard(self) -> None:
+            """Hear and be heard as any simulator that waits: who waits for long is taken for lost otherwise."""
+            self._take_receipts()
+            if time.monotonic() - self._hello_at > HELLO_S:
+                self._hello_at = time.monotonic()
+                hello = self._session._hello.items()
+                super()._publish({topic: data for topic, data in hello if topic in self._publisher_of})
 
     return GatedSimulator(Judges().of_block)
 
 
-def allowed() -> float:
-    """Return how many chunks a simulator may publish."""
+def allowed(number: int) -> float:
+    """Return how many chunks a simulator may publish of its run of this number, 0 for the first."""
     try:
         with contextlib.suppress(ValueError):  # just being written
-            return int(Path(os.environ[GATE]).read_text())
+            chunks, *first = map(int, Path(os.environ[GATE]).read_text().split())
+            return math.inf if first and number < first[0] else chunks
     except FileNotFoundError:
         return math.inf
     return 0
@@ -70,7 +92,7 @@ def main() -> int:
     from bow_sweep import entry
 
     put_in_place()
-    if "up" in sys.argv:  # the process of the graph is a new one
+    if {"up", "study", "optimise"} & set(sys.argv):  # the process of the graph is a new one
         from bow_sweep.standing import start
 
         start.CHILD = f"import gated_simulator; gated_simulator.put_in_place(); {start.CHILD}"

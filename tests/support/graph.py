@@ -90,11 +90,25 @@ class Sweep:
         family = self.children()
         if self.process.poll() is None:
             family.insert(0, psutil.Process(self.process.pid))
-        for number in (signal.SIGSTOP, signal.SIGKILL):
-            for process in family:
-                with contextlib.suppress(psutil.NoSuchProcess):
-                    process.send_signal(number)
+        kill_at_once(family)
         self.process.wait()
+
+
+def kill_at_once(processes: Sequence[psutil.Process]) -> None:
+    """SIGKILL processes of which none may notice that another one has ended, and wait for their end."""
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        for process in processes:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                process.send_signal(number)
+    until(lambda: all(map(has_ended, processes)), "killed processes do not end")
+
+
+def has_ended(process: psutil.Process) -> bool:
+    """Return whether a process has ended, though its parent may not have looked yet."""
+    try:
+        return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:  # since the first of the two questions
+        return True
 
 
 def nodes_of(pid: int, role: str = "") -> list[psutil.Process]:
@@ -219,8 +233,12 @@ class Halted(Sweep):
     def __init__(self, directory: Path, *arguments: str, chunks: int) -> None:
         self._gate = directory.with_suffix(".gate")
         self.let(chunks)
-        with gated(self._gate):
+        with self.gated():
             super().__init__(directory, *arguments, module="gated_simulator")
+
+    def gated(self) -> contextlib.AbstractContextManager[None]:
+        """Have the simulators of processes that are started meanwhile wait with those of the sweep."""
+        return gated(self._gate)
 
     def let(self, chunks: int) -> None:
         """Let each simulator publish so many chunks in all."""

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,15 @@ try:
 except BaseException:
     print("caught by what imports")
 """
+
+
+@pytest.fixture(autouse=True)
+def handlers_stay() -> Iterator[None]:
+    """The command leaves signals ignored."""
+    before = {number: signal.getsignal(number) for number in entry.SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def interrupted_while_importing(module: Path, arguments: list[str], name: str) -> subprocess.CompletedProcess[str]:
@@ -44,11 +54,17 @@ def test_the_command_reports_that_it_was_interrupted(tmp_path: Path) -> None:
 
 
 def test_the_handlers_are_restored_after_the_imports(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = [signal.getsignal(number) for number in entry.SIGNALS]
+    handlers = lambda: [signal.getsignal(number) for number in entry.SIGNALS]
+    before, found = handlers(), []
+
+    def main() -> int:
+        found.extend(handlers())
+        return 7
+
     monkeypatch.setattr(sys, "argv", ["bow", "settings"])
-    monkeypatch.setattr(f"{entry.MAIN}.main", lambda: 7)
+    monkeypatch.setattr(f"{entry.MAIN}.main", main)
     assert entry.command() == 7
-    assert [signal.getsignal(number) for number in entry.SIGNALS] == before
+    assert found == before
 
 
 def test_ctrl_c_is_reported_where_main_does_not_catch_it(
@@ -97,6 +113,15 @@ def test_nothing_is_lost_when_the_command_exits_at_once(body: str, status: int, 
     ended = ended_after(body, tmp_path, stdout=subprocess.PIPE)
     assert (ended.returncode, ended.stdout) == (status, said)
     assert ("RuntimeError" in ended.stderr) == (status == 1)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize(("body", "status"), [("return 3", 3), ("raise KeyboardInterrupt", 130)])
+def test_another_signal_while_python_ends_changes_nothing(body: str, status: int, name: str, tmp_path: Path) -> None:
+    signals = f"import os, signal; atexit.register(os.kill, os.getpid(), signal.{name})"
+    ended = ended_after(f"{signals}; {body}", tmp_path, stdout=subprocess.PIPE)
+    assert (ended.returncode, ended.stdout) == (status, "library closed\n")
+    assert ended.stderr == ("bow: interrupted\n" if status == 130 else "")
 
 
 def test_what_cannot_be_printed_at_the_exit_is_reported(tmp_path: Path) -> None:

@@ -41,6 +41,7 @@ def test_it_draws_the_picture_that_the_coordinator_would_draw_until_that_has_end
     tmp_path: Path, pair: tuple[Painter, socket.socket], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     painter, there = pair
+    painter._channel.settimeout(60)  # on a busy machine too
     assert written(tmp_path / "d", None, monkeypatch) == ""  # a copy cannot use the fonts that are open now
     process = Forked(lambda: serve(there.fileno()), tmp_path / "log", there.fileno())
     there.close()

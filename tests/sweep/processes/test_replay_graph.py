@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 import recording
+from graph import has_ended, nodes_of, until
 
 from bow_sweep.processes.replay_graph import chunks_in_order, classify_in_graph
 from bow_sweep.processes.supervisor import GraphError
@@ -92,25 +93,39 @@ def test_the_exit_of_the_classifier_is_reported(long: Path) -> None:
     survey = Survey(long / "bag").read()
     verdicts = classify_in_graph(survey, _task(survey))  # type: ignore[arg-type]
     next(verdicts)
-    (classifier,) = [p for p in psutil.Process().children() if "--ros-args" in p.cmdline()]
+    (classifier,) = nodes_of(os.getpid(), "classifier")
     classifier.kill()
     with pytest.raises(GraphError, match=r"the classifier ended \(killed by SIGKILL\)"):
         list(verdicts)
 
 
+STOPS = """
+import os, signal, sys
+from bow_sweep.cli import main
+from bow_sweep.processes.replay_graph import _Graph
+
+def open_and_stop(self, opens=_Graph.open):
+    opens(self)
+    os.kill(os.getpid(), signal.SIGSTOP)
+
+_Graph.open = open_and_stop
+sys.exit(main(sys.argv[1:]))
+"""
+"""A command that stops itself before it sends the first chunk."""
+
+
 @pytest.mark.full
 def test_interrupted_it_leaves_nothing_behind(run: Path) -> None:
-    words = [sys.executable, "-m", "bow_sweep", "replay", str(run), "--graph", "--set", "correlation=0.5"]
+    words = [sys.executable, "-c", STOPS, "replay", str(run), "--graph", "--set", "correlation=0.5"]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, start_new_session=True)
-    children: list[psutil.Process] = []
-    while not children:
-        assert process.poll() is None
-        time.sleep(0.05)
-        children = [p for p in psutil.Process(process.pid).children() if "--ros-args" in p.cmdline()]
-    os.kill(process.pid, signal.SIGINT)
+    stops = lambda: psutil.Process(process.pid).status() == psutil.STATUS_STOPPED
+    until(lambda: process.poll() is not None or stops(), "no chunk is sent")
+    children = nodes_of(process.pid, "classifier")
+    assert len(children) == 1
+    for number in (signal.SIGINT, signal.SIGCONT):
+        process.send_signal(number)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130, said
     assert b"nothing was written" in said
-    psutil.wait_procs(children, timeout=20)
-    assert not children[0].is_running() or children[0].status() == psutil.STATUS_ZOMBIE  # init may take its time
+    until(lambda: all(map(has_ended, children)), "the classifier does not end")
     assert not list(run.glob("verdicts-*"))

@@ -10,6 +10,7 @@ import time
 import psutil
 import pytest
 import recording
+from graph import has_ended, until
 from split_runs import split
 
 from bow_sweep.cli import main
@@ -271,10 +272,7 @@ def test_rsync_ends_with_the_command(parts, tmp_path, monkeypatch, number):
             time.sleep(0.01)
         copying = psutil.Process(int(seen.read_text()))
         process.send_signal(number)
-    deadline = time.monotonic() + 60
-    while copying.is_running() and copying.status() != psutil.STATUS_ZOMBIE:  # its new parent may not look at once
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    until(lambda: has_ended(copying), "rsync goes on")
     collect(run, str(there))
     assert not leftovers(run)
 
