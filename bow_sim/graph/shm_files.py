@@ -27,7 +27,7 @@ _LENT = re.compile(
     rf"{SHARED_MEMORY}/fast_datasharing_(?:[0-9a-f]{{2}}\.){{4}}([0-9a-f]{{2}})\.([0-9a-f]{{2}})\.[0-9a-f._]+"
 )
 
-PORT = re.compile("fastrtps_port[0-9]+")
+_PORT = re.compile("fastrtps_port[0-9]+")
 
 MADE_S = 1.0
 """A process has given the file of a port its size by then; otherwise it was killed before."""
@@ -136,11 +136,18 @@ def remove(files: Iterable[str], *, ports: bool = False) -> set[str]:
     return {file for file in files if not _is_removed(file, ports)}
 
 
-def free_unfinished(port: Path) -> None:
-    """Remove the file of a port that a process was killed in making: it has no size, and who opens it waits for that.
+def free_unfinished(place: Path = SHARED_MEMORY) -> None:
+    """Remove the files of ports that a process was killed in making: they have no size, for which all others wait.
 
-    Fast DDS does so for ever. Who waits already reads that the port is of no use, and takes another one.
+    Fast DDS waits for ever. Who waits already reads that the port is of no use, and takes another one.
     """
+    with contextlib.suppress(OSError):
+        for port in place.glob("fastrtps_port*"):
+            if _PORT.fullmatch(port.name):
+                _free_unfinished(port)
+
+
+def _free_unfinished(port: Path) -> None:
     with contextlib.suppress(OSError):
         descriptor = os.open(port, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:

@@ -82,15 +82,14 @@ class Note:
 
 
 def remove_leftovers(place: Path = SHARED_MEMORY) -> None:
-    """Remove what the notes of processes of this user list that are gone, and ports that they did not finish."""
+    """Remove what the notes of processes of this user list that are gone, and ports that a process did not finish."""
+    shm_files.free_unfinished(place)
     with contextlib.suppress(OSError):
         mine = (str(os.getuid()), str(_namespace()))
         for path in place.iterdir():
             found = _NAME.fullmatch(path.name)
             if found and found.groups()[:2] == mine and start_of(int(found[3])) != int(found[4]):
                 _remove_leftovers_of(path)
-            elif shm_files.PORT.fullmatch(path.name):
-                shm_files.free_unfinished(path)
 
 
 def _remove_leftovers_of(path: Path) -> None:

@@ -195,8 +195,9 @@ def _run(files: SharedFiles, pipe: int, inotify: INotify | None, selector: selec
     processes = _Processes(selector)
     settled = 0.0  # until then the owners of new lock files can still show up
     deadline = 0.0  # for processes without a supervisor to exit; 0 while there is one
+    look_at = 0.0  # for ports that a process that has exited did not finish; 0 where none has
     while processes or not deadline:
-        must_poll = inotify is None or deadline or files.unowned or processes.polled
+        must_poll = inotify is None or deadline or look_at or files.unowned or processes.polled
         ready = {key.fd for key, _ in selector.select(SCAN_S if must_poll else None)}
         now = time.monotonic()
         if deadline and now > deadline:
@@ -218,12 +219,17 @@ def _run(files: SharedFiles, pipe: int, inotify: INotify | None, selector: selec
                 files.add(pid)
                 if not processes.add(pid):
                     files.exited(pid)
+                    look_at = now + 2 * shm_files.MADE_S
         if inotify is None:
             files.scan()
         elif files.unowned:
             files.look()
         for pid in processes.exited(ready):
             files.exited(pid)
+            look_at = now + 2 * shm_files.MADE_S
+        if look_at and now > look_at:
+            shm_files.free_unfinished()
+            look_at = 0.0
     files.close()
     return DONE
 

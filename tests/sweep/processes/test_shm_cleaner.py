@@ -235,6 +235,18 @@ def test_it_notices_files_that_are_made_later(tmp_path: Path) -> None:
     cleaner.close(20)
 
 
+def test_it_frees_a_port_that_a_killed_process_did_not_finish(tmp_path: Path) -> None:
+    cleaner = ShmCleaner(tmp_path, "/bow/x", [])
+    with holding() as process:
+        cleaner.watch(process.pid)
+        PORT.touch()
+        with open(PORT, "rb") as waits:
+            process.kill()
+            wait_until(lambda: not PORT.exists())
+            assert waits.read() == (3).to_bytes(4, "little")
+    cleaner.close(20)
+
+
 def test_where_it_was_killed_the_supervisor_does_its_work_in_the_end(tmp_path: Path) -> None:
     cleaner = ShmCleaner(tmp_path, "/bow/x", [])
     with watched(cleaner, tmp_path) as process:
