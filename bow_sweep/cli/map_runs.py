@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bow_sweep.cli.sweep import bounded, cores
-from bow_sweep.cli.sweep_report import self_check
+from bow_sweep.cli.sweep_report import RunCheck
 from bow_sweep.cli.terminal import fail
 from bow_sweep.processes.exit_status import DONE, FAILED, INTERRUPTED
 from bow_sweep.run.directory import RunError
@@ -113,7 +113,7 @@ def run_maps(
                 for note in job.sweep.notes if number == 1 else ():
                     display.print_line(f"note: {note}")
                 graph.run(job.sweep, job.directory, job.run_id, progress=show, resume=job.resume)
-                if problem := self_check(job.directory, display.print_line, whole=job.resume):
+                if problem := RunCheck(job.directory, display.print_line, whole=job.resume).end():
                     raise RunError(problem)
                 before += job.sweep.budget
     except KeyboardInterrupt:

@@ -10,7 +10,6 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ from bow_sim.physics.parameters import MODELS
 from bow_sim.physics.reflection_text import embed_files
 from bow_sweep.cli.settings import SET_HELP
 from bow_sweep.cli.study_report import print_study
-from bow_sweep.cli.sweep_report import print_run, self_check
+from bow_sweep.cli.sweep_report import RunCheck, print_run
 from bow_sweep.cli.terminal import environment_is_ready, fail, warn
 from bow_sweep.plan.preset_files import choose
 from bow_sweep.plan.presets import presets
@@ -290,12 +289,12 @@ def run_jobs(
                     )
                 job.directory.mkdir(exist_ok=True)
                 shown = dashboard.dashboard and not left_out  # one that failed once would fail again
-                check = partial(self_check, job.directory, display.print_line, whole=job.resume)
+                check = RunCheck(job.directory, display.print_line, whole=job.resume)
                 if graph is not None:
                     directory, resume = job.directory, job.resume
                     graph.run(job.sweep, directory, job.run_id, progress=show, resume=resume, dashboard=shown)
                     left_out += _newly_left_out(graph, owned.directory, left_out, display)
-                    problem = check()
+                    problem = check.end()
                 else:
                     close_all(FAILED, again)  # the node of the run before
                     without, problem = run_graph(

@@ -6,8 +6,9 @@ import json
 import shlex
 import time
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bow_sim.graph import environment
 from bow_sim.physics.parameters import parse_settings
@@ -15,11 +16,17 @@ from bow_sim.protocol.recording import DEFAULT
 from bow_sweep.cli.terminal import warn
 from bow_sweep.maps.reliability import in_words
 
+if TYPE_CHECKING:
+    from bow_sweep.record.verify import SelfCheck
+
 MENTIONED_S = 2.0
 """A self-check that takes longer is mentioned."""
 
 SHOWN = 5
 """Problems of a self-check that are printed."""
+
+PLACE = ("file", "block", "chunk")
+"""What is printed of their place."""
 
 FILES = {
     "map.png": "the basin map, to look at",
@@ -38,8 +45,8 @@ HELD = {
 """What is in the bag, by what the run recorded."""
 
 
-def self_check(directory: Path, print_line: Callable[[str], None], *, whole: bool) -> str:
-    """Check bag, ledger, map and report of a finished run against each other.
+class RunCheck:
+    """The check of bag, ledger, map and report of a finished run against each other.
 
     Parameters
     ----------
@@ -50,35 +57,43 @@ def self_check(directory: Path, print_line: Callable[[str], None], *, whole: boo
     whole
         Read every byte of the bag; otherwise only its index. A run that was resumed is read whole, because what
         happened to its files in between is unknown.
-
-    Returns
-    -------
-    str
-        What does not agree; "" where all of it does.
     """
-    from bow_sweep.record.run_bags import unseen_in_words
-    from bow_sweep.record.verify import verify
 
-    began = time.monotonic()
-    result = verify(directory, classify=False, index=not whole)
-    took = time.monotonic() - began
-    if took > MENTIONED_S:
-        print_line(f"checking bag, ledger, map and report took {took:.1f} s")
-    for line in unseen_in_words(result.get("unseen", {})):
-        print_line(line)
-    if result["ok"]:
-        return ""
-    lines = [
-        ", ".join(
-            [problem["what"], *(f"{name} {problem[name]}" for name in ("file", "block", "chunk") if name in problem)]
+    def __init__(self, directory: Path, print_line: Callable[[str], None], *, whole: bool) -> None:
+        self._directory, self._print_line, self._whole = directory, print_line, whole
+
+    @cached_property
+    def _check(self) -> SelfCheck:
+        from bow_sweep.record.verify import SelfCheck
+
+        return SelfCheck(self._directory, whole=self._whole)
+
+    def begin(self) -> bool:
+        """Check what is complete when the bag is closed; return False if that has to be asked again."""
+        return self._check.begin()
+
+    def end(self) -> str:
+        """Check the rest when all files are complete; return what does not agree, "" where all of it does."""
+        from bow_sweep.record.run_bags import unseen_in_words
+
+        began = time.monotonic()
+        result = self._check.end()
+        took = time.monotonic() - began
+        if took > MENTIONED_S:
+            self._print_line(f"checking bag, ledger, map and report took {took:.1f} s")
+        for line in unseen_in_words(result.get("unseen", {})):
+            self._print_line(line)
+        if result["ok"]:
+            return ""
+        lines = [
+            ", ".join([problem["what"], *(f"{name} {problem[name]}" for name in PLACE if name in problem)])
+            for problem in result["problems"][:SHOWN]
+        ]
+        run = shlex.quote(str(self._directory))
+        return (
+            f"the run has {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
+            f"all of them: bow verify {run}\ndamaged blocks are computed again by: bow sweep --resume {run}"
         )
-        for problem in result["problems"][:SHOWN]
-    ]
-    run = shlex.quote(str(directory))
-    return (
-        f"the run has {result['problem_count']} problems:\n  " + "\n  ".join(lines) + "\n"
-        f"all of them: bow verify {run}\ndamaged blocks are computed again by: bow sweep --resume {run}"
-    )
 
 
 def print_run(directory: Path, left_out: Sequence[Path], *, nothing_to_do: bool) -> bool:

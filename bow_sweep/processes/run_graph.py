@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import gc
 import json
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from bow_sim.protocol.inspected import spread_cells
 from bow_sim.protocol.stations import numbered
@@ -19,6 +19,16 @@ from bow_sweep.run.directory import REPORT, RunError, is_finished, read_ledger
 from bow_sweep.view.viewer import Screen
 
 LOGS = "log"
+
+
+class Check(Protocol):
+    """The check of a finished run."""
+
+    def begin(self) -> bool:
+        """Check what is complete when the bag is closed; return False if that has to be asked again."""
+
+    def end(self) -> str:
+        """Check the rest when all files are complete; return what does not agree, "" where all of it does."""
 
 
 def inspected_cells(sweep: Sweep) -> list[int]:
@@ -50,7 +60,7 @@ def run_graph(
     sync: bool = True,
     lock: bool = True,
     stations: int = 1,
-    check: Callable[[], str] = lambda: "",
+    check: Check,
 ) -> tuple[list[Path], str]:
     """Run a graph until the run in `directory` is finished.
 
@@ -77,12 +87,12 @@ def run_graph(
     stations
         Number of stations among which the simulators are divided, see :mod:`bow_sim.protocol.stations`.
     check
-        Called when all files of the run are complete, while the processes end.
+        It begins while the last files are written, and ends when all are complete, while the processes end.
 
     Returns
     -------
     tuple
-        Logs of the processes that the sweep went on without, and what `check` returned.
+        Logs of the processes that the sweep went on without, and what `check` has found.
 
     Raises
     ------
@@ -113,10 +123,10 @@ def run_graph(
             from bow_sweep.processes.supervisor_node import watch  # start_nodes has loaded ROS
 
             gc.enable()
-            watch(supervisor, display, interrupts)
+            watch(supervisor, display, interrupts, check.begin)
             finished = True
             with interrupts.immediate():
-                problem = check()
+                problem = check.end()
         finally:
             killed = supervisor.stop(idle=finished)
             gc.enable()

@@ -116,8 +116,13 @@ class SupervisorNode(BowNode):
             publisher.publish(message)
 
 
-def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> None:
+def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts, when_recorded: Callable[[], bool]) -> None:
     """Show the progress of a graph until all files of the run are complete, and restart processes that exit.
+
+    Parameters
+    ----------
+    when_recorded
+        Called when a recorder has closed its bag after the last plan; again while it returns False.
 
     Raises
     ------
@@ -131,7 +136,7 @@ def watch(supervisor: Supervisor, display: Display, interrupts: Interrupts) -> N
     graph = Connection(supervisor, supervisor.namespace.rpartition("/")[2])
     try:
         graph.join()
-        _watch(supervisor, graph, display, interrupts)
+        _watch(supervisor, graph, display, interrupts, when_recorded)
     finally:
         at_end(graph.leave)
 
@@ -202,10 +207,16 @@ class Connection:
         destroy_entities()
 
 
-def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrupts: Interrupts) -> None:
+def _watch(
+    supervisor: Supervisor,
+    graph: Connection,
+    display: Display,
+    interrupts: Interrupts,
+    when_recorded: Callable[[], bool],
+) -> None:
     """Spin until all files of the run are complete; restart processes that exit or are not heard."""
     restarts: Counter[str] = Counter()
-    seen, look_at = graph.seen, 0.0
+    seen, look_at, told = graph.seen, 0.0, False
     while True:
         graph.spin(0.05)
         interrupts.check()
@@ -234,6 +245,9 @@ def _watch(supervisor: Supervisor, graph: Connection, display: Display, interrup
         if problem := supervisor.screen.problem():
             display.print_line(problem)
         display.show(seen.progress, seen.details.get("coordinator", ""), now)
+        if seen.closed and not told and seen.states.get("recorder") == Health.CLOSED:
+            with interrupts.immediate():
+                told = when_recorded()
 
 
 def release_finished(supervisor: Supervisor, seen: Observed) -> bool:

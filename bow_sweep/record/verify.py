@@ -17,6 +17,7 @@ from bow_sim.physics.errors import ParameterError
 from bow_sim.protocol.states import BlockState, PlanState, ReceiptKind
 from bow_sim.protocol.sweep_outline import SweepOutline
 from bow_sim.protocol.verdict_fields import differing
+from bow_sweep.maps.map_file import MAP
 from bow_sweep.plan.adaptive import next_round, within_budget
 from bow_sweep.record.again import Again, Kernel, compare
 from bow_sweep.record.bag import FOLDER, BagError
@@ -25,6 +26,10 @@ from bow_sweep.record.index_contents import IndexSurvey
 from bow_sweep.record.replay import SCAN_SHARE, classify_block, task_of
 from bow_sweep.record.run_bags import RunSurvey, read_run
 from bow_sweep.record.verify_files import FileChecks, transient_lengths
+from bow_sweep.run.directory import LEDGER, REPORT
+
+EARLY_BYTES = 1 << 32
+"""A larger bag is not checked while the last files are written: nobody looks after the processes meanwhile."""
 
 RECEIPTS_BLOCKS = 2
 """From this version of the record on, complete blocks have a receipt of their own."""
@@ -66,13 +71,74 @@ def verify(
         ``run`` and the place: ``block``, ``chunk``, ``file``, ``station`` ...
     """
     began = time.monotonic()
+    survey = _read(run_directory, index, progress, SCAN_SHARE if classify else 1.0)
+    result = account(survey, Path(run_directory), classify, progress, again)
+    return {**result, "seconds": round(time.monotonic() - began, 2)}
+
+
+class SelfCheck:
+    """The check of a run at its end; most of it can be done while the last files are written.
+
+    Parameters
+    ----------
+    run_directory
+        Of the run.
+    whole
+        Read every byte of the bag; otherwise only its index.
+    """
+
+    def __init__(self, run_directory: Path, *, whole: bool) -> None:
+        self._directory, self._whole = run_directory, whole
+        self._begun: tuple[RunSurvey, _Accounts] | None = None
+        self._stamps: list[tuple[Any, ...]] = []
+
+    def begin(self) -> bool:
+        """Check bag, ledger and map, unless that takes long; return False if the map is not written yet.
+
+        Call it when the bag is closed. Whatever changes afterwards is checked by :meth:`end`.
+        """
+        if self._whole or (self._directory / REPORT).is_file():
+            return True
+        if not (self._directory / MAP).is_file():
+            return False
+        self._stamps = self._look()
+        if sum(size for _, size, *_ in self._stamps) <= EARLY_BYTES:
+            survey = _read(self._directory, index=True)
+            if survey.expected is not None and survey.plan:
+                accounts = _Accounts(survey, survey.expected)
+                accounts.all(self._directory, None, False, None)
+                self._begun = survey, accounts
+        return True
+
+    def end(self) -> dict[str, Any]:
+        """Check what was not checked, or has changed since; return the same as :func:`verify`, as far as that counts.
+
+        Returns
+        -------
+        dict
+            ``ok``, ``problem_count``, ``problems`` and ``unseen``.
+        """
+        if self._begun is None or self._stamps != self._look():
+            return verify(self._directory, classify=False, index=not self._whole)
+        survey, accounts = self._begun
+        accounts.files.check_report()
+        return {"unseen": survey.unseen, **_problems(survey)}
+
+    def _look(self) -> list[tuple[Any, ...]]:
+        """Return name, size, time and inode of all files that :meth:`begin` reads."""
+        files = (*sorted((self._directory / FOLDER).rglob("*")), self._directory / LEDGER, self._directory / MAP)
+        found = [(path, path.stat()) for path in files if path.is_file()]
+        return [(path, about.st_size, about.st_mtime_ns, about.st_ino) for path, about in found]
+
+
+def _read(run_directory: Path, index: bool, progress: Progress | None = None, share: float = 1.0) -> RunSurvey:
+    """Read all bags of a run; it is a problem of the survey if there is none."""
     try:
-        survey = read_run(run_directory, IndexSurvey if index else Survey, progress, SCAN_SHARE if classify else 1.0)
+        return read_run(run_directory, IndexSurvey if index else Survey, progress, share)
     except BagError as error:
         survey = RunSurvey(Path(run_directory), {})
         survey.problem(str(error))
-    result = account(survey, Path(run_directory), classify, progress, again)
-    return {**result, "seconds": round(time.monotonic() - began, 2)}
+        return survey
 
 
 def account(
@@ -90,12 +156,14 @@ def account(
         survey.problem("the bag holds no plan", file=FOLDER)
     return {
         **result,
-        "ok": not survey.problem_count,
         "messages": survey.messages,
         "files": [file.name for file in survey.files],
-        "problem_count": survey.problem_count,
-        "problems": survey.problems,
+        **_problems(survey),
     }
+
+
+def _problems(survey: RunSurvey) -> dict[str, Any]:
+    return {"ok": not survey.problem_count, "problem_count": survey.problem_count, "problems": survey.problems}
 
 
 class _Accounts:
@@ -149,7 +217,8 @@ class _Accounts:
             "notes": self.notes,
         }
         unseen = expected.planned.cells_of(np.flatnonzero(self.unseen))
-        FileChecks(run_directory, survey, expected, self.states, done, unseen, counts).check()
+        self.files = FileChecks(run_directory, survey, expected, self.states, done, unseen, counts)
+        self.files.check()
         return counts
 
     # ---- every chunk once

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,16 +87,18 @@ class FileChecks:
 
     def check(self) -> None:
         """Check every file."""
-        ledger, arrays, report = (self.directory / name for name in (LEDGER, MAP, REPORT))
+        ledger, arrays = self.directory / LEDGER, self.directory / MAP
         if ledger.is_file():
             self._ledger(ledger)
-        if not (arrays.is_file() or report.is_file()):
-            return
-        result = self._map()
         if arrays.is_file():
-            self._arrays(arrays, result)
+            self._arrays(arrays, self._result)
+        self.check_report()
+
+    def check_report(self) -> None:
+        """Check the report alone, which is written last."""
+        report = self.directory / REPORT
         if report.is_file():
-            self._report(report, result)
+            self._report(report, self._result)
 
     def _problem(self, path: Path, what: str, block: int | None = None) -> None:
         self.survey.problem(what, file=path.name, **({} if block is None else {"block": block}))
@@ -108,8 +111,9 @@ class FileChecks:
 
     # ---- the map
 
-    def _map(self) -> MapFile:
-        """Return the map of the verdicts in the bag; cells that are not done have no transient length.
+    @cached_property
+    def _result(self) -> MapFile:
+        """The map of the verdicts in the bag; cells that are not done have no transient length.
 
         It does not use :class:`~bow_sweep.maps.basin_map.Basin` as the coordinator does, so that it finds errors there.
         """

@@ -104,10 +104,10 @@ def test_without_syncs_and_locks_a_sweep_is_the_same(undisturbed: Path, tmp_path
 
 
 def test_a_run_that_does_not_hold_is_not_called_done(tmp_path: Path) -> None:
-    from bow_sweep.cli.sweep_report import self_check
+    from bow_sweep.cli.sweep_report import RunCheck
 
     (tmp_path / "bag").mkdir()
-    said = self_check(tmp_path, lambda _: None, whole=False)
+    said = RunCheck(tmp_path, lambda _: None, whole=False).end()
     assert "holds no bag" in said
     assert f"bow verify {tmp_path}" in said
     assert f"bow sweep --resume {tmp_path}" in said
