@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bow_sim.kernel import few_cells
 from bow_sim.kernel.arguments import Gesture
+from bow_sim.kernel.few_cells import LEAST_LAG, NEAR, ROWS, SLOTS
 from bow_sim.physics.reflection_text import Reflection
 from bow_sim.simd.lanes import LANES, aligned
 
@@ -32,16 +33,18 @@ def sides_of(each: list[list[Reflection]], samples: int) -> few_cells.Sides:
     samples : int
         Of a chunk.
     """
-    rows = [r for side in each for r in side]
-    size, past = len(rows), max(2, *(r.last for r in rows))
+    rows = [r for cell in zip(*each, strict=True) for r in cell]
+    size, past = len(rows), max(r.last for r in rows)
     tails = [r.tail_taps if r.tail else () for r in rows]
     gain = np.array([r.tail for r in rows])
-    ready = np.array([r.soonest >= few_cells.LEAST_LAG or not any((*r.taps, r.tail)) for r in rows])
+    soonest = np.array([r.soonest for r in rows])
+    ready = (soonest >= LEAST_LAG) | np.array([not any((*r.taps, r.tail)) for r in rows])
+    near = np.arange(size) % ROWS == NEAR
+    late = (~ready & ((gain != 0) | ~near)).reshape(-1, ROWS)
     return few_cells.Sides(
-        ready=ready,
         first=np.array([r.first if any(r.taps) else r.first + len(r.taps) for r in rows]),
         last=np.array([r.first + len(r.taps) - 1 for r in rows]),
-        depth=np.array([min(r.first, 2) for r in rows]),
+        depth=np.where(ready, 0, np.where(near, np.minimum(soonest, 2), soonest)),
         taps=_table([(0.0,) * r.first + r.taps + (0.0,) * LANES for r in rows]),
         gain=gain,
         pole=np.array([r.pole for r in rows]),
@@ -49,11 +52,13 @@ def sides_of(each: list[list[Reflection]], samples: int) -> few_cells.Sides:
         tail_taps=_table([taps[::-1] for taps in tails]),
         tail_count=np.array([len(taps) for taps in tails]),
         tail_last=np.array([r.tail_first + len(taps) - 1 for r, taps in zip(rows, tails, strict=True)]),
-        late_tail=(~ready & (gain != 0)).reshape(len(each), -1).any(axis=0),
+        late_count=late.sum(axis=1),
+        late=np.argsort(~late, axis=1, kind="stable"),
+        following=np.zeros(len(late)),
         wave=np.zeros((size, past + samples)),
         past=past,
         sums=aligned((size, LANES), np.float64),
-        arrived=aligned((size, few_cells.SLOTS), np.float64),
+        arrived=aligned((size, SLOTS), np.float64),
     )
 
 

@@ -3,8 +3,10 @@
 Eight lanes of which one is needed cost as much as eight. Here the lanes are *steps*. From a side whose least lag is
 large enough, what arrives is computed for eight steps at once, some steps before the first of them. From any other
 side, what has left the bow before eight steps is summed for all of them, and what leaves it in a step is then added to
-all the sums that it reaches. So each sum goes from the greatest lag to the least, as everywhere. The rest of a step is
-computed as in :mod:`bow_sim.kernel.time_loop`, by the same functions, and the results are the same to the last bit.
+all the sums that it reaches. So each sum goes from the greatest lag to the least, as everywhere. The sums of one side,
+where torsional waves come back from the bridge, stay in registers; mostly it is the only one of this kind. The rest of
+a step is computed as in :mod:`bow_sim.kernel.time_loop`, by the same functions, and the results are the same to the
+last bit.
 
 Steps take as long as one waits for another. So what a step needs is known some steps before, except for what left the
 bow in the steps just before; and that is added last.
@@ -18,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bow_sim.kernel.arguments import Gesture
+from bow_sim.kernel.arguments import SIDES, Gesture
 from bow_sim.kernel.body import of_body, reflect_one
 from bow_sim.kernel.hair import pull_hair, with_hair
 from bow_sim.physics.friction import solve, state_of
@@ -29,27 +31,32 @@ from bow_sim.simd.steps import highest, lowest, recursion, rotated
 FEW = 4
 """So many cells, and fewer, take less time here than as lanes."""
 
-LEAD = 4
+LEAD = 3
 """Eight steps are computed at once so many steps before the first of them, so that none has to wait."""
 
 LEAST_LAG = LANES + LEAD
 """The least lag of a side from which eight steps can be computed at once, samples."""
+
+ROWS = len(SIDES)
+"""So many rows has each cell in `Sides`: one for each side of the bow."""
+
+NEAR = SIDES.index("torsion_bridge")
+"""The number of the side whose sums stay in registers: waves come back from it first, in most cases."""
 
 SLOTS = 2 * LANES
 """What arrives in a step is kept at the step's number modulo this."""
 
 
 class Sides(NamedTuple):
-    """The four sides of the bow: a row for each cell of the first side, then for each cell of the next.
+    """The four sides of the bow: four rows for each cell.
 
     Parameters
     ----------
-    ready : ndarray of bool, shape (rows,)
-        Whether eight steps can be computed at once.
     first, last : ndarray, shape (rows,)
         The least and the greatest lag of the taps; first > last where all taps are 0.
     depth : ndarray, shape (rows,)
-        The lag up to which waves are added to sums one by one: that of `first`, at most 2.
+        0 for a side that is ready: eight steps can be computed at once. For any other, the lag up to which waves are
+        added to sums one by one: the least lag, of side `NEAR` at most 2.
     taps : ndarray, shape (rows, lags + 8)
         Coefficient of each lag from 0 on; 0 where nothing arrives.
     gain, pole, state : ndarray, shape (rows,)
@@ -58,18 +65,22 @@ class Sides(NamedTuple):
         What the tail is made of, the greatest lag first.
     tail_count, tail_last : ndarray, shape (rows,)
         How many these are, and the lag of the first.
-    late_tail : ndarray of bool, shape (cells,)
-        Whether a side that is not ready has a tail.
+    late_count : ndarray, shape (cells,)
+        How many sides are not ready; side `NEAR` counts if it has a tail.
+    late : ndarray, shape (cells, 4)
+        The numbers of these sides.
+    following : ndarray, shape (cells,)
+        If side `NEAR` is not ready: what arrives from it in the next step, without its tail.
     wave : ndarray, shape (rows, past + samples)
-        Outgoing wave: the last samples before a chunk, at least two, then those of the chunk.
+        Outgoing wave: the last samples before a chunk, then those of the chunk.
     past : int
     sums : ndarray, shape (rows, 8)
         From a side that is not ready: what arrives in a step and in the next seven, without the latest `depth` waves.
+        Between chunks, of side `NEAR` one step later and with all waves.
     arrived : ndarray, shape (rows, 16)
         What arrives in the latest steps, and from a side that is ready in the next.
     """
 
-    ready: Any
     first: Any
     last: Any
     depth: Any
@@ -80,7 +91,9 @@ class Sides(NamedTuple):
     tail_taps: Any
     tail_count: Any
     tail_last: Any
-    late_tail: Any
+    late_count: Any
+    late: Any
+    following: Any
     wave: Any
     past: Any
     sums: Any
@@ -132,10 +145,10 @@ def _place(sides: Any, row: Any, t: Any) -> Any:
 def _to_tail(sides: Any, row: Any, t: Any, zero: Any) -> Any:
     """Return what is added to a tail in step t, or in eight from t on if `zero` is lanes."""
     x = zero
-    at = _place(sides, row, t - sides.tail_last[row])
-    for k in range(sides.tail_count[row]):
+    at = _place(sides, row, t - read(sides.tail_last, row, row))
+    for k in range(read(sides.tail_count, row, row)):
         x = x + read(sides.tail_taps, row * sides.tail_taps.shape[1] + k, 0.0) * read(sides.wave, at + k, zero)
-    return sides.gain[row] * x
+    return read(sides.gain, row, 0.0) * x
 
 
 @part(**INLINE)
@@ -147,99 +160,78 @@ def _look_ahead(sides: Any, body: Any, cell: Any, t: Any, lead: Any, slot: Any) 
     slot : int
         Where the first of the eight steps is kept.
     """
-    for row in range(cell, sides.gain.size, sides.late_tail.size):
+    bridge = ROWS * cell
+    for row in range(bridge, bridge + ROWS):
         taps = row * sides.taps.shape[1]
+        last, depth = read(sides.last, row, row), read(sides.depth, row, row)
         total = spread(0.0)
-        if sides.ready[row]:
+        if depth == 0:
             at = _place(sides, row, t + lead)
-            last = sides.last[row]
-            for k in range(last + 1 - sides.first[row]):
+            for k in range(last + 1 - read(sides.first, row, row)):
                 total = total + read(sides.taps, taps + last - k, 0.0) * load(sides.wave, at - last + k)
-            if sides.gain[row] != 0.0:
-                z = recursion(sides.pole[row], sides.state[row], _to_tail(sides, row, t + lead, spread(0.0)))
-                sides.state[row] = highest(z)
+            if read(sides.gain, row, 0.0) != 0.0:
+                x = _to_tail(sides, row, t + lead, spread(0.0))
+                z = recursion(read(sides.pole, row, 0.0), read(sides.state, row, 0.0), x)
+                write(sides.state, row, highest(z))
                 total = total + z
             store(sides.arrived, row * SLOTS + slot, total)
-            if row == cell and body is not None:
+            if row == bridge and body is not None:
                 for i in range(slot, slot + LANES):
                     x = reflect_one(body, read(sides.arrived, row * SLOTS + i, 0.0), cell, i)
                     write(sides.arrived, row * SLOTS + i, x)
         else:
             at = _place(sides, row, t)
-            last = sides.last[row]
-            for k in range(last - sides.depth[row]):
+            if row == bridge + NEAR:
+                depth = 0  # what left the bow before t is known, and added here
+            for k in range(last - depth):
                 total = total + load(sides.taps, taps + last - k) * read(sides.wave, at - last + k, 0.0)
             store(sides.sums, row * LANES, total)
 
 
 @part(**INLINE)
-def _begin(sides: Any, row: Any) -> Any:
-    """Return what a side needs in every step, and what it leaves to the next.
+def _arriving(sides: Any, first: Any, late: Any, t: Any, place: Any, in_rb: Any) -> Any:
+    """Return what arrives from the four sides in a step, if some are not ready; in_rb: from `NEAR`, without its tail.
 
-    Returns
-    -------
-    fixed : tuple
-        Whether the side is ready; the coefficients of eight lags from `depth` on.
-    state : tuple
-        The sums; where `depth` is 2, the outgoing wave that is added to them next; the latest outgoing wave.
+    Parameters
+    ----------
+    first, late : int
+        The row of the cell's first side, and how many are not ready.
+    place : int
+        The flat index of what arrives from the first side in this step.
     """
-    near = load(sides.taps, row * sides.taps.shape[1] + sides.depth[row])
-    before = read(sides.wave, _place(sides, row, -2), 0.0)
-    latest = read(sides.wave, _place(sides, row, -1), 0.0)
-    return (sides.ready[row], near), (load(sides.sums, row * LANES), before, latest)
+    write(sides.arrived, place + NEAR * SLOTS, in_rb)
+    for i in range(late):
+        side = read(sides.late, first + i, first)
+        row = first + side
+        x = in_rb
+        if side != NEAR:
+            depth = read(sides.depth, row, row)
+            wave = read(sides.wave, _place(sides, row, t - depth), 0.0)
+            sums = load(sides.sums, row * LANES) + load(sides.taps, row * sides.taps.shape[1] + depth) * wave
+            store(sides.sums, row * LANES, rotated(sums))
+            x = lowest(sums)
+        if read(sides.gain, row, 0.0) != 0.0:
+            z = read(sides.pole, row, 0.0) * read(sides.state, row, 0.0) + _to_tail(sides, row, t, 0.0)
+            write(sides.state, row, z)
+            x = x + z
+        write(sides.arrived, place + side * SLOTS, x)
+    return _arrived(sides, place)
 
 
 @part(**INLINE)
-def _renew(sides: Any, row: Any, state: Any) -> Any:
-    """Return the state with the sums of :func:`_look_ahead`."""
-    return load(sides.sums, row * LANES), state[1], state[2]
-
-
-@part(**INLINE)
-def _arriving(sides: Any, row: Any, slot: Any, fixed: Any, state: Any) -> Any:
-    """Return what arrives from a side in a step, without a late tail, and the state."""
-    ready, near = fixed
-    sums, before, latest = state
-    if ready:
-        return read(sides.arrived, row * SLOTS + slot, 0.0), state
-    if sides.depth[row] == 1:
-        sums = sums + near * latest
-        write(sides.arrived, row * SLOTS + slot, lowest(sums))  # a branch: a choice would always wait for `latest`
-        return read(sides.arrived, row * SLOTS + slot, 0.0), (rotated(sums), before, latest)
-    sums = sums + near * before
-    return lowest(sums), (rotated(sums), latest, latest)
-
-
-@part(**INLINE)
-def _with_tails(sides: Any, cell: Any, t: Any, slot: Any, arriving: Any) -> Any:
-    """Return what arrives from the four sides in a step, with late tails."""
-    cells = sides.late_tail.size
-    for side in range(4):
-        write(sides.arrived, (side * cells + cell) * SLOTS + slot, arriving[side])
-    for row in range(cell, sides.gain.size, cells):
-        if not sides.ready[row] and sides.gain[row] != 0.0:
-            z = sides.pole[row] * sides.state[row] + _to_tail(sides, row, t, 0.0)
-            sides.state[row] = z
-            write(sides.arrived, row * SLOTS + slot, read(sides.arrived, row * SLOTS + slot, 0.0) + z)
+def _arrived(sides: Any, place: Any) -> Any:
+    """Return what is kept of what arrives from the four sides in a step; `place` as in :func:`_arriving`."""
     return (
-        read(sides.arrived, cell * SLOTS + slot, 0.0),
-        read(sides.arrived, (cells + cell) * SLOTS + slot, 0.0),
-        read(sides.arrived, (2 * cells + cell) * SLOTS + slot, 0.0),
-        read(sides.arrived, (3 * cells + cell) * SLOTS + slot, 0.0),
+        read(sides.arrived, place, 0.0),
+        read(sides.arrived, place + SLOTS, 0.0),
+        read(sides.arrived, place + 2 * SLOTS, 0.0),
+        read(sides.arrived, place + 3 * SLOTS, 0.0),
     )
 
 
 @part(**INLINE)
-def _send(sides: Any, row: Any, t: Any, state: Any, wave: Any) -> Any:
-    """Write a step of an outgoing wave, and return the state."""
-    write(sides.wave, _place(sides, row, t), wave)
-    return state[0], state[1], wave
-
-
-@part(**INLINE)
-def _keep(sides: Any, row: Any, samples: Any, state: Any) -> None:
-    """Keep the sums, and move the end of an outgoing wave, after so many samples, to the beginning."""
-    store(sides.sums, row * LANES, state[0])
+def _keep(sides: Any, row: Any, samples: Any) -> None:
+    """Move the end of an outgoing wave, after so many samples, to the beginning."""
     for t in range(-sides.past, 0):
         write(sides.wave, _place(sides, row, t), read(sides.wave, _place(sides, row, t + samples), 0.0))
 
@@ -259,18 +251,20 @@ def build(version: int) -> Any:
         cells = slipping.shape[1]
         offsets[:, 0] = 0
         for cell in range(cells):
-            b, n, rb, rn = cell, cells + cell, 2 * cells + cell, 3 * cells + cell
+            b = ROWS * cell
+            n, rb, rn = b + 1, b + NEAR, b + 3
+            depth = sides.depth[rb]
+            near = load(sides.taps, rb * sides.taps.shape[1] + depth)
+            sums = load(sides.sums, rb * LANES)
+            following = sides.following[cell]
+            late = sides.late_count[cell]
             c_t, c_r = share_t[cell], share_r[cell]
             f_end, f_step, v_0, v_1 = gesture.f_end[cell], gesture.f_step[cell], gesture.v_0[cell], gesture.v_1[cell]
             shapes = gesture.force.shape[1] * min(cell, gesture.force.shape[0] - 1)
             slips = slipping[0, cell] != 0
-            fixed_b, state_b = _begin(sides, b)
-            fixed_n, state_n = _begin(sides, n)
-            fixed_rb, state_rb = _begin(sides, rb)
-            fixed_rn, state_rn = _begin(sides, rn)
             for chunk in range(slipping.shape[0] - 1):
                 start = first + chunk * samples
-                place, shape = (chunk * cells + cell) * samples, shapes + chunk * samples
+                out, shape = (chunk * cells + cell) * samples, shapes + chunk * samples
                 number = np.int64(offsets[chunk, cell])
                 noted = False  # as if sticking: a slip that continues is a new interval in this chunk
                 total = 0.0
@@ -280,19 +274,19 @@ def build(version: int) -> Any:
                     if (now + LEAD) & (LANES - 1) == 0 or now == 0:
                         lead = LEAD if now > 0 else 0
                         _look_ahead(sides, body, cell, begin, lead, (now + lead) & (SLOTS - 1))
-                        state_b, state_n = _renew(sides, b, state_b), _renew(sides, n, state_n)
-                        state_rb, state_rn = _renew(sides, rb, state_rb), _renew(sides, rn, state_rn)
+                        sums = load(sides.sums, rb * LANES)
+                        following, sums = lowest(sums), rotated(sums)
                     end = min(begin + LANES - ((now + LEAD) & (LANES - 1)), samples)
                     for t in range(begin, end):
                         slot = (start + t) & (SLOTS - 1)
-                        in_b, state_b = _arriving(sides, b, slot, fixed_b, state_b)
-                        in_n, state_n = _arriving(sides, n, slot, fixed_n, state_n)
-                        in_rb, state_rb = _arriving(sides, rb, slot, fixed_rb, state_rb)
-                        in_rn, state_rn = _arriving(sides, rn, slot, fixed_rn, state_rn)
-                        if sides.late_tail[cell]:
-                            in_b, in_n, in_rb, in_rn = _with_tails(sides, cell, t, slot, (in_b, in_n, in_rb, in_rn))
-                        if not fixed_b[0]:
-                            in_b = reflect_one(body, in_b, cell, slot)
+                        place = ROWS * SLOTS * cell + slot
+                        in_b, in_n, in_rb, in_rn = _arrived(sides, place)
+                        if depth != 0:
+                            in_rb = following
+                        if late > 0:
+                            in_b, in_n, in_rb, in_rn = _arriving(sides, b, late, t, place, in_rb)
+                            if sides.depth[b] != 0:
+                                in_b = reflect_one(body, in_b, cell, slot)
                         f_b = f_end + f_step * read(gesture.force, shape + t, 0.0)
                         v_b = v_0 + v_1 * read(gesture.speed, shape + t, 0.0)
                         v_h = in_b + in_n + in_rn + in_rb
@@ -302,11 +296,17 @@ def build(version: int) -> Any:
                         push = d - s  # Y f
                         push_t, push_r = c_t * push, c_r * push
                         out_b = in_n + push_t
-                        state_b = _send(sides, b, t, state_b, out_b)
-                        state_n = _send(sides, n, t, state_n, in_b + push_t)
-                        state_rb = _send(sides, rb, t, state_rb, in_rn + push_r)
-                        state_rn = _send(sides, rn, t, state_rn, in_rb + push_r)
-                        write(bridge_force, place + t, np.float32(out_b))
+                        out_rb = in_rn + push_r
+                        if depth == 2:  # the next step does not wait for this one
+                            following, sums = lowest(sums), rotated(sums) + near * out_rb
+                        if depth == 1:
+                            sums = sums + near * out_rb
+                            following, sums = lowest(sums), rotated(sums)
+                        write(sides.wave, _place(sides, b, t), out_b)
+                        write(sides.wave, _place(sides, n, t), in_b + push_t)
+                        write(sides.wave, _place(sides, rb, t), out_rb)
+                        write(sides.wave, _place(sides, rn, t), in_rb + push_r)
+                        write(bridge_force, out + t, np.float32(out_b))
                         if slips != noted:
                             noted = slips
                             if slips:
@@ -329,10 +329,10 @@ def build(version: int) -> Any:
                     number += 1
                 offsets[chunk, cell + 1] = number
                 slipping[chunk + 1, cell] = slips
-                _keep(sides, b, samples, state_b)
-                _keep(sides, n, samples, state_n)
-                _keep(sides, rb, samples, state_rb)
-                _keep(sides, rn, samples, state_rn)
+                store(sides.sums, rb * LANES, sums)
+                sides.following[cell] = following
+                for row in range(b, b + ROWS):
+                    _keep(sides, row, samples)
         return version
 
     return advance

@@ -50,8 +50,9 @@ def test_the_bow_may_be_anywhere(bow: int, model: str) -> None:
     assert many == few
 
 
-def test_every_side_may_have_a_tail_early_and_late() -> None:
-    late = "first=1 taps=-0.4,-0.2 tail=-0.05 pole=0.8 tail_first=2 tail_taps=0.5,0.5"
+@pytest.mark.parametrize(("first", "tail_first"), [(1, 2), (2, 2), (5, 3), (5, 30)])
+def test_every_side_may_have_a_tail_early_and_late(first: int, tail_first: int) -> None:
+    late = f"first={first} taps=-0.4,-0.2 tail=-0.05 pole=0.8 tail_first={tail_first} tail_taps=0.5,0.5"
     soon = "first=9 taps=-0.5,-0.3 tail=-0.01 pole=0.9 tail_first=30"
     ahead = "first=100 taps=-0.6 tail=-0.02 pole=0.9 tail_first=101 tail_taps=0.2,0.3,0.5"
     p = Parameters(
