@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import io
 import json
 import os
 import socket
@@ -31,16 +30,9 @@ def prepare() -> None:
     with contextlib.suppress(Exception), warnings.catch_warnings(), absent("mpl_toolkits.mplot3d"), uncollected():
         warnings.simplefilter("ignore")  # that there are no pictures in three dimensions
         _leave_out_documentation()
-        from matplotlib.figure import Figure
+        from bow_sweep.figures.maps import load_fonts
 
-        from bow_sim.figures.page import style
-        from bow_sweep.figures import maps  # noqa: F401  # where it fails, draw reports it
-
-        with style():
-            figure = Figure(figsize=(0.1, 0.1))
-            figure.text(0, 0, r"text and $f_\mathrm{asym}$")
-            figure.text(0, 0, "text", weight="bold")
-            figure.savefig(io.BytesIO(), format="png")
+        load_fonts()  # where it fails, draw reports it
 
 
 def _leave_out_documentation() -> None:

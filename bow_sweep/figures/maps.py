@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -49,6 +50,15 @@ PANELS = {
     "helmholtz": "Helmholtz motion: all three tests passed",
 }
 """The four panels of the paper's Fig 10."""
+
+
+def load_fonts() -> None:
+    """Load the fonts of text and formulas, which the first picture would otherwise wait for, 0.03 s."""
+    with style():
+        figure = Figure(figsize=(0.1, 0.1))
+        figure.text(0, 0, r"text and $f_\mathrm{asym}$")
+        figure.text(0, 0, "text", weight="bold")
+        figure.savefig(io.BytesIO(), format="png")
 
 
 def map_figure(plane: Plane, dpi: float) -> Figure:
