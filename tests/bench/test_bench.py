@@ -171,7 +171,7 @@ def test_a_result_becomes_one_table_and_one_page_that_name_the_machine(tmp_path:
         "22.0 ns: 5.5 times; d42a378 ",
         "libstk-dev is not here",
         "no room",
-        "3.00 ns a cell-sample | in the first chunk 4.00 ns; 0.57 of the time of d42a378",
+        "3.00 ns a cell-sample | in the first chunk 4.00 ns; 0.53 of the time of d42a378",
         "| recorder | CPU 1.00 s |",
         "3.00 s beyond the bare",
         f"{3.5 * later / then:.2f} times that of d42a378",
